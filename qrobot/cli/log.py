@@ -318,13 +318,14 @@ def record(
     robot = robot_of_arm(chosen)
     await_turn()
     attachments = attach_files([robot_path(chosen.robot), deployment_path(deployment)])
-    attachments += fence_attachments(told_fences(chosen, robot))
+    fences = told_fences(chosen, robot)
+    attachments += fence_attachments(fences)
     tool = tool_of_arm(chosen)
     paths = log_paths(output or checked_folder(Path(chosen.log.directory or ".")), chosen.name)
 
     def open_log(servo: ServoInfo, pid: int) -> LogWriter:
         header = recorded_header(robot, servo, pid, chosen.board.plant if plant is None else plant)
-        return LogWriter(next(paths), header, attachments, round(max_megabytes * MEGABYTE), robot, tool)
+        return LogWriter(next(paths), header, attachments, round(max_megabytes * MEGABYTE), robot, tool, fences)
 
     note(f"waiting for the servo of {chosen.name}")
     with set_on_signals() as stop:
@@ -341,9 +342,9 @@ def live(
 ) -> None:
     """Show a servo live to Foxglove, Lichtblick and viewers like them, until Ctrl-C.
 
-    They find what a log has: the rows, the arm in three dimensions, its frames, the law in force. Choose *Open
-    connection*, *Foxglove WebSocket*, `ws://127.0.0.1:8765`, and the layout `config/foxglove/arm.json`. Nobody can move
-    anything by it; who may open connections on this machine may look.
+    They find what a log has: the rows, the arm in three dimensions with its tool, load and fences, its frames, the law
+    in force. Choose *Open connection*, *Foxglove WebSocket*, `ws://127.0.0.1:8765`, and the layout
+    `config/foxglove/arm.json`. Nobody can move anything by it; who may open connections on this machine may look.
 
     Parameters
     ----------
@@ -357,15 +358,18 @@ def live(
         Rows a second, at most as many as the servo makes.
     """
     from qrobot.cli.arms import choose_arm, robot_of_arm, tool_of_arm
+    from qrobot.fences.told_fences import told_fences
     from qrobot.log.follow import ServoFollower, follow
     from qrobot.log.live import LiveServer
     from qrobot.realtime.signals import set_on_signals
 
     chosen = choose_arm(deployment, arm)
     robot, tool = robot_of_arm(chosen), tool_of_arm(chosen)
+    fences = told_fences(chosen, robot)
 
     def open_server(servo: ServoInfo, pid: int) -> LiveServer:
-        return LiveServer(port, recorded_header(robot, servo, pid, chosen.board.plant), rate, robot, tool)
+        header = recorded_header(robot, servo, pid, chosen.board.plant)
+        return LiveServer(port, header, rate, robot, tool, fences)
 
     note(f"waiting for the servo of {chosen.name}")
     with set_on_signals() as stop:

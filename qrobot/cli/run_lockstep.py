@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Literal
 
 from qrobot.cli.arm_links import ArmLinks, links_of
-from qrobot.cli.arms import check_law, controlled_robot, robot_of_arm, servo_settings
+from qrobot.cli.arms import check_law, controlled_robot, robot_of_arm, servo_settings, tool_of_arm
 from qrobot.cli.console import note
 from qrobot.cli.program_settings import settings_of
 from qrobot.config import deployment_path, robot_path
@@ -111,5 +111,9 @@ class LockstepArm:
         choices = settings.velocity, settings.interpolation
         header = header_for(self._robot, rig.period_ns, settings.law, LOCKSTEP, plant, *choices)
         attachments = attach_files([robot_path(arm.robot), deployment_path(deployment)])
-        attachments += fence_attachments(told_fences(arm, self._robot))
-        return write_log(next(log_paths(log, arm.name)), rig.rows(), header, attachments, laws=[rig.law_in_force()])[0]
+        fences = told_fences(arm, self._robot)
+        attachments += fence_attachments(fences)
+        path, laws, tool = next(log_paths(log, arm.name)), [rig.law_in_force()], tool_of_arm(arm)
+        return write_log(
+            path, rig.rows(), header, attachments, laws=laws, robot=self._robot, tool_m=tool, fences=fences
+        )[0]

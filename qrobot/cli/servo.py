@@ -18,6 +18,7 @@ from qrobot.cli.arms import (
     controlled_robot,
     neighbours_of_arm,
     servo_settings,
+    tool_of_arm,
 )
 from qrobot.cli.console import SUCCESS, note
 from qrobot.cli.option_types import RateHz
@@ -99,14 +100,15 @@ def _flight_recorder(arm: DeployedArm, robot: Robot) -> FlightRecorder:
     from qrobot.cli.log import recorded_header
     from qrobot.fences.told_fences import told_fences
     from qrobot.log.fences_of_log import fence_attachments
-    from qrobot.log.flight import FlightRecorder
+    from qrobot.log.flight import KEEP, FlightRecorder
 
     def header_of(servo: ServoInfo) -> LogHeader:
         return recorded_header(robot, servo, os.getpid(), arm.board.plant)
 
-    fences = fence_attachments(told_fences(arm, robot))
+    fences = told_fences(arm, robot)
     folder = Path(arm.log.directory) / "incidents"
-    return FlightRecorder(folder, arm.name, header_of, note, robot=robot, attachments=fences)
+    looks = robot, fence_attachments(fences), tool_of_arm(arm), fences
+    return FlightRecorder(folder, arm.name, header_of, note, KEEP, *looks)
 
 
 @app.command(help_flags=[])

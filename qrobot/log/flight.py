@@ -18,10 +18,13 @@ import numpy as np
 from qrobot.config import Robot
 from qrobot.errors import LogError
 from qrobot.faultcodes import FaultCode
+from qrobot.fences.told_fences import ToldFences
+from qrobot.log.arm_view import Point
 from qrobot.log.follow import fresh_path
 from qrobot.log.header import Attachment, LogHeader
 from qrobot.log.read import Log
 from qrobot.log.record import write_log
+from qrobot.model.arm_shape import NO_TOOL
 from qrobot.servo.memory.law_history import JournalReader, LawInForce
 from qrobot.servo.memory.mailbox import ServoMailbox
 from qrobot.servo.memory.servo_memory import ServoInfo, journal_base
@@ -44,7 +47,7 @@ class FlightRecorder:
         arm: instance name, the beginning of each file's name; the code and the time (UTC) follow.
         header_of: header of a log of the servo with these facts.
         report: takes one line for people for each file, and for each that the disk refused.
-        robot: the arm, so that it can be looked at.
+        robot, tool_m, fences: the arm, so that it can be looked at; see `ArmView`.
         attachments: files to carry beside the incident, such as the fences in force.
     """
 
@@ -57,9 +60,12 @@ class FlightRecorder:
         keep: int = KEEP,
         robot: Robot | None = None,
         attachments: Iterable[Attachment] = (),
+        tool_m: Point = NO_TOOL,
+        fences: ToldFences | None = None,
     ) -> None:
         self._folder, self._arm, self._header_of, self._report, self._keep = folder, arm, header_of, report, keep
-        self._robot, self._attachments = robot, tuple(attachments)
+        self._robot, self._tool_m, self._fences = robot, tool_m, fences
+        self._attachments = tuple(attachments)
         self._seen = 0
         self._waiting: list[Incident] = []
 
@@ -86,7 +92,8 @@ class FlightRecorder:
             path = fresh_path(self._folder, f"{self._arm}-{code}")
             rows = _rows_since(mailbox, incidents[0].t_ns - BEFORE_NS)
             attachments = [Attachment(ATTACHMENT, data, "application/json"), *self._attachments]
-            write_log(path, rows, self._header_of(mailbox.info), attachments, laws=_laws(mailbox), robot=self._robot)
+            header, looks = self._header_of(mailbox.info), (self._robot, self._tool_m, self._fences)
+            write_log(path, rows, header, attachments, None, _laws(mailbox), *looks)
             self._thin_out()
         except (LogError, OSError) as error:
             self._report(f"the cycles around {code} are not saved: {error}")

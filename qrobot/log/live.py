@@ -11,6 +11,7 @@ import foxglove
 
 from qrobot.config import Robot
 from qrobot.errors import LinkError
+from qrobot.fences.told_fences import ToldFences
 from qrobot.log.arm_view import Point
 from qrobot.log.header import LogHeader
 from qrobot.log.mcap_file import LogStream
@@ -30,14 +31,22 @@ class LiveServer:
         port: 0 for any.
         header: facts of the servo.
         rate_hz: rows a second that are shown.
-        robot, tool_m: see `ArmView`.
+        robot, tool_m, fences: see `ArmView`.
 
     Raises:
         LinkError: the port is taken.
     """
 
-    def __init__(self, port: int, header: LogHeader, rate_hz: int, robot: Robot, tool_m: Point = NO_TOOL) -> None:
-        self._stream = LogStream(header, robot, tool_m)
+    def __init__(
+        self,
+        port: int,
+        header: LogHeader,
+        rate_hz: int,
+        robot: Robot,
+        tool_m: Point = NO_TOOL,
+        fences: ToldFences | None = None,
+    ) -> None:
+        self._stream = LogStream(header, robot, tool_m, fences)
         self._pace = Pace(rate_hz)
         self.status = LogStatus()
         self.last_error, self.backlog = "", 0

@@ -17,6 +17,7 @@ from foxglove import Channel, Context, Schema, open_mcap
 from foxglove.mcap import MCAPCompression, MCAPWriteOptions
 
 from qrobot.config import Robot
+from qrobot.fences.told_fences import ToldFences
 from qrobot.log import law_message
 from qrobot.log.arm_view import ArmView, Point
 from qrobot.log.buffered_file import BufferedFile
@@ -33,10 +34,16 @@ _CDR_WORD: Final = int.from_bytes(CDR_HEADER, "little")
 class LogStream:
     """The channels of one log, shared by its parts."""
 
-    def __init__(self, header: LogHeader, robot: Robot | None = None, tool_m: Point = NO_TOOL) -> None:
+    def __init__(
+        self,
+        header: LogHeader,
+        robot: Robot | None = None,
+        tool_m: Point = NO_TOOL,
+        fences: ToldFences | None = None,
+    ) -> None:
         self.context = Context()
         self._offset_ns = header.wall_offset_ns
-        self._view = None if robot is None else ArmView(self.context, robot, header.wall_offset_ns, tool_m)
+        self._view = None if robot is None else ArmView(self.context, robot, header.wall_offset_ns, tool_m, fences)
         layout = header.layout
         self.tick = Channel(
             TICK_TOPIC,

@@ -12,10 +12,13 @@ from typing import Final
 
 from qrobot.config import Robot
 from qrobot.errors import LogError
+from qrobot.fences.told_fences import ToldFences
+from qrobot.log.arm_view import Point
 from qrobot.log.header import Attachment, LogHeader
 from qrobot.log.live import LiveServer
 from qrobot.log.status import LogStatus
 from qrobot.log.writer import LogWriter
+from qrobot.model.arm_shape import NO_TOOL
 from qrobot.servo.memory.law_history import JournalReader, LawInForce
 from qrobot.servo.memory.telemetry import READ_ROWS, Rows, TelemetryReader
 
@@ -104,14 +107,16 @@ def write_log(
     max_bytes: int | None = None,
     laws: Iterable[LawInForce] = (),
     robot: Robot | None = None,
+    tool_m: Point = NO_TOOL,
+    fences: ToldFences | None = None,
 ) -> list[Path]:
     """Write rows already in memory, shape (m,), and the laws they ran under; returns the files.
 
-    With `robot` the arm can be looked at, see `ArmView`.
+    With `robot` the arm can be looked at, with its tool and fences, see `ArmView`.
 
     Raises LogError when the disk does not take them.
     """
-    writer = LogWriter(path, header, attachments, max_bytes, robot)
+    writer = LogWriter(path, header, attachments, max_bytes, robot, tool_m, fences)
     for start in range(0, rows.size, READ_ROWS):
         writer.append(rows[start : start + READ_ROWS])
         writer.flush()

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from qrobot.config import Robot
 from qrobot.errors import LogError
+from qrobot.fences.told_fences import ToldFences
 from qrobot.log.arm_view import Point
 from qrobot.log.header import Attachment, LogHeader
 from qrobot.log.mcap_file import LogPart, LogStream
@@ -28,6 +29,7 @@ class LogWriter:
         max_bytes: size at which the next part begins; None for a single file.
         robot: the arm, for those who want to look at it; see `ArmView`.
         tool_m: the tip of its tool from the flange.
+        fences: see `ArmView`.
 
     Raises:
         LogError: the first part cannot be opened, or an old one not be removed. Later trouble is counted in `status`.
@@ -41,10 +43,11 @@ class LogWriter:
         max_bytes: int | None = None,
         robot: Robot | None = None,
         tool_m: Point = NO_TOOL,
+        fences: ToldFences | None = None,
     ) -> None:
         self.path = path
         self._header, self._attachments, self._max_bytes = header, tuple(attachments), max_bytes
-        self._stream = LogStream(header, robot, tool_m)
+        self._stream = LogStream(header, robot, tool_m, fences)
         _remove_parts_after_first(path)
         self._part = self._open(1)
         self._number = 1

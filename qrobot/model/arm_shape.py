@@ -83,15 +83,15 @@ def _link(frame: int, end: Floats, radius: float) -> list[ArmCylinder]:
     length = float(np.linalg.norm(end))
     if length <= radius:
         return []
-    return [ArmCylinder(frame, _placed(_with_z_along(end / length), end / 2), radius, length, is_joint=False)]
+    return [ArmCylinder(frame, _placed(with_z_along(end / length), end / 2), radius, length, is_joint=False)]
 
 
 def _joint(frame: int, radius: float) -> ArmCylinder:
     return ArmCylinder(frame, np.eye(4), radius, 2.4 * radius, is_joint=True)
 
 
-def _with_z_along(z: Floats) -> Floats:
-    """A rotation whose third column is the unit vector `z`."""
+def with_z_along(z: Floats) -> Floats:
+    """A rotation whose third column is the unit vector `z`. Shapes (3,), (3, 3)."""
     aside = np.eye(3)[int(np.argmin(np.abs(z)))]
     x = np.cross(aside, z)
     x /= np.linalg.norm(x)

@@ -17,7 +17,9 @@ import numpy as np
 import pytest
 
 from qrobot.config import load_robot
+from qrobot.config.fences import Fence
 from qrobot.errors import LinkError
+from qrobot.fences.told_fences import ToldFences
 from qrobot.log.live import LiveServer
 from qrobot.log.pace import Pace
 from qrobot.servo.memory.telemetry import TelemetryLayout
@@ -82,7 +84,8 @@ class Viewer:
 
 @pytest.fixture
 def server() -> Iterator[LiveServer]:
-    server = LiveServer(0, make_header(N), 100, ROBOT)
+    floor = ToldFences(fences=(Fence(name="hall", shape="plane"),))
+    server = LiveServer(0, make_header(N), 100, ROBOT, fences=floor)
     yield server
     server.close()
 
@@ -110,6 +113,14 @@ def look(viewer: Viewer, server: LiveServer) -> None:
     for content, wanted in zip(received, rows[::10], strict=True):
         assert content[4:] == wanted.tobytes()
         assert len(content) == row_bytes + 4
+    viewer.send(op="subscribe", subscriptions=[{"id": 8, "channelId": channels["/arm/scene"]["id"]}])
+    viewer.send(op="subscribe", subscriptions=[{"id": 8, "channelId": channels["/arm/scene"]["id"]}])
+    assert viewer.message("status")["level"] in (1, 2)
+    server.flush()  # draws all once more, for those who come late
+    rows["t_ns"] += 50_000_000
+    server.append(rows)
+    while b"hall: keep out" not in viewer.data():
+        pass
 
 
 @pytest.mark.realtime
