@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable
-from typing import Final, Protocol
+from typing import TYPE_CHECKING, Final, Protocol
 
 import numpy as np
 
@@ -34,6 +34,9 @@ from qrobot.motion import (
     whole_samples,
 )
 from qrobot.units import S_PER_MS
+
+if TYPE_CHECKING:
+    from qrobot.arcl.kept_motions import KeptMotions
 
 QUEUE_SIZE: Final = 64
 LOOK_AHEAD_S: Final = 0.3  # [A] a transition between any two speeds of a PUMA needs no more
@@ -86,7 +89,10 @@ class MotionQueue:
         fences: that the arm keeps off, None for none.
 
     Attributes:
+        engine: the trajectory generator of the motions.
+        tick: newest sample.
         override: speed override of the program, 0 to 1; that of the operator counts besides.
+        kept: gives the setpoints while the arm is off their path, None for none.
     """
 
     def __init__(
@@ -99,15 +105,14 @@ class MotionQueue:
     ) -> None:
         self._kinematics = kinematics
         self._period_s = period_s
-        self._engine = Generator(
-            kinematics.limits, period_s, np.array(q), blend=Blend.ZERO_JERK, kinematics=kinematics, fences=fences
-        )
+        self._fences, self.tick = fences, 0
+        self.engine = self.engine_at(q)
         self._reporter = reporter
         self._waiting: deque[Motion] = deque()
         self._open: dict[MoveRequest, Motion] = {}
         self._current: Motion | None = None
         self._skip = False
-        self._tick = 0
+        self.kept: KeptMotions | None = None
         self.override = FULL_SPEED
 
     @property
@@ -123,7 +128,7 @@ class MotionQueue:
     @property
     def moving(self) -> bool:
         """A motion is under way, or events are still to be told; those in the queue do not count."""
-        return self._engine.busy or self._engine.has_events
+        return self.engine.busy or self.engine.has_events
 
     def push(self, motion: Motion) -> None:
         """Queue a motion. Raises MotionError: the queue is full."""
@@ -134,11 +139,13 @@ class MotionQueue:
     def judge(self, motion: Motion) -> None:
         """Raise what the motion would end with; one behind others that wait is judged when its turn comes."""
         if not self._waiting:
-            self._try(motion, self._engine.judge)
+            self._try(motion, self.engine.judge)
 
     def stop(self, seconds: float) -> None:
         """Drop what waits, and come to rest in at least `seconds`."""
-        self._engine.stop(seconds)
+        if self.kept is not None:
+            self.kept.give_up(seconds)
+        self.engine.stop(seconds)
         while self._waiting:
             self._end(self._waiting.popleft(), ArclEvent.EVENT_STOP, None)
 
@@ -148,22 +155,37 @@ class MotionQueue:
 
     def sample(self, seen: MachineSample) -> Floats:
         """The setpoints of the next sample period. Shape (n,)."""
-        self._tick += 1 + seen.left_out
+        self.count(seen)
+        override = self.override * seen.override
+        if self.kept is not None and (back := self.kept.setpoint(override)) is not None:
+            return back
         self._dequeue(seen)
         self._take_skip()
         self._bind()
-        self._engine.override = self.override * seen.override
-        output = self._engine.update(self._tick)
+        self.engine.override = override
+        output = self.engine.update(self.tick)
         for event in output.events:
             self._told(event, seen)
         self._progress(output, seen)
         return output.q
 
+    def count(self, seen: MachineSample) -> None:
+        """A sample passes, and those before it that were never heard of."""
+        self.tick += 1 + seen.left_out
+
+    def engine_at(self, q: Floats) -> Generator:
+        """A trajectory generator that is at rest at `q` (n,)."""
+        kinematics, fences = self._kinematics, self._fences
+        return Generator(
+            kinematics.limits, self._period_s, np.array(q), self.tick, Blend.ZERO_JERK, kinematics=kinematics,
+            fences=fences,
+        )  # fmt: skip
+
     # ------------------------------------------------------------------------------------------- into the engine
 
     def _dequeue(self, seen: MachineSample) -> None:
         """Hand the oldest motion to the engine once its time has come and nothing forbids it."""
-        if not self._waiting or self._engine.waiting or self._engine.stopping or not self._due(self._waiting[0]):
+        if not self._waiting or self.engine.waiting or self.engine.stopping or not self._due(self._waiting[0]):
             return
         motion = self._waiting[0]
         if self._reporter.notify(ArclEvent.EVENT_DEQ, motion) == CallbackAnswer.MOVE_STOP:
@@ -173,13 +195,13 @@ class MotionQueue:
         self._waiting.popleft()
         motion.t0 = seen.t_ms
         try:
-            self._open[self._try(motion, self._engine.push)] = motion
+            self._open[self._try(motion, self.engine.push)] = motion
         except MotionError as error:
             self._fail(_event_of(error), motion, error, seen)
 
     def _due(self, motion: Motion) -> bool:
         lead_s = motion.options.ta_ms * S_PER_MS + LOOK_AHEAD_S + SETTLING * self._period_s
-        return self._skip or self._engine.remaining * self._period_s <= lead_s
+        return self._skip or self.engine.remaining * self._period_s <= lead_s
 
     def _try(self, motion: Motion, give: Callable[[MoveRequest], object]) -> MoveRequest:
         """Give a motion to the engine; a transition that nobody asked for is as long as the arm needs."""
@@ -205,7 +227,7 @@ class MotionQueue:
     def _take_skip(self) -> None:
         if self._skip:
             self._skip = False
-            self._engine.skip(1)
+            self.engine.skip(1)
 
     def _bind(self) -> None:
         """Tell functional transforms in which motion they are called: the one under way, before the one that waits."""
@@ -256,7 +278,7 @@ class MotionQueue:
         if motion is None:
             return
         ta = whole_samples(motion.options.ta_ms * S_PER_MS, self._period_s)
-        if not motion.near and self._engine.serving is output.request and self._engine.remaining <= ta:
+        if not motion.near and self.engine.serving is output.request and self.engine.remaining <= ta:
             motion.near = True
             self._reporter.notify(ArclEvent.EVENT_NEAR, motion)
         if self._reporter.feedback(motion, output.scal, seen, output.q):

@@ -17,6 +17,7 @@ from qrobot.arcl.machine import MachineSettings, machine
 from qrobot.arcl.machine.registry import EMULATED
 from qrobot.arcl.motion import Motion
 from qrobot.arcl.opened import forget, newest, open_robots, remember
+from qrobot.arcl.path_calls import WAY_BACK_DEG, WAY_BACK_MM
 from qrobot.arcl.positions import TL, Pos, PosMark, joints_of
 from qrobot.arcl.robot import ArclRobot
 from qrobot.arcl.switches import say, switches
@@ -183,6 +184,28 @@ def stop(rp: ArclRobot, *attributes: Any) -> None:
 def arcl_skip(rp: ArclRobot) -> None:
     """End the motion under way and go on to the next one; see `ArclRobot.skip`."""
     _opened("arcl_skip", rp).skip()
+
+
+def arcl_override(rp: ArclRobot, percent: float) -> None:
+    """Let motions go at a share of their speed; see `ArclRobot.override`."""
+    _opened("arcl_override", rp).override(percent)
+
+
+def arcl_keep_path(
+    rp: ArclRobot, keep: bool = True, way_back_mm: float = WAY_BACK_MM, way_back_deg: float = WAY_BACK_DEG
+) -> None:
+    """Let motions outlive a stop of the servo; see `ArclRobot.keep_path`."""
+    _opened("arcl_keep_path", rp).keep_path(keep, way_back_mm, way_back_deg)
+
+
+def arcl_kept(rp: ArclRobot) -> str:
+    """Reason for which the arm stands off its path; see `ArclRobot.kept`."""
+    return _opened("arcl_kept", rp).kept
+
+
+def arcl_resume(rp: ArclRobot) -> None:
+    """Let an arm that has left its path be led back to it; see `ArclRobot.resume`."""
+    _opened("arcl_resume", rp).resume()
 
 
 def arcl_wait(rp: ArclRobot, predicate: Callable[[], object] | None = None) -> None:

@@ -11,11 +11,13 @@ from qrobot.arcl.errors import answer_of, goes_on
 from qrobot.arcl.events import ArclEvent, CallbackAnswer, Grip
 from qrobot.arcl.generator import MotionQueue
 from qrobot.arcl.joint_units import units_of
+from qrobot.arcl.kept_motions import KeptMotions
 from qrobot.arcl.kinematics import ManipulatorKinematics
 from qrobot.arcl.machine import MachineSample, RobotMachine
 from qrobot.arcl.motion import Motion, MotionFeedback
 from qrobot.arcl.opened import listen_once
 from qrobot.arcl.options import MotionOptions
+from qrobot.arcl.path_calls import PathCalls
 from qrobot.arcl.positions import Pos, joints_of
 from qrobot.arcl.standstill import Standstill
 from qrobot.arcl.stream import RecordKind
@@ -35,7 +37,7 @@ from qrobot.units import MM_PER_M, S_PER_MS
 STOP_MS: Final = 300.0  # Tseg of STOP in Figure 5
 
 
-class ArclRobot:
+class ArclRobot(PathCalls):
     """One arm under control of this program.
 
     Args:
@@ -59,6 +61,7 @@ class ArclRobot:
         self._error: QRobotError | None = None
         self._closed = self._loss_told = self._given_up = False
         self._ticks = 0
+        self._kept = KeptMotions(robot)
         self._begin_at(ami.open())
 
     def _begin_at(self, q: Floats) -> None:
@@ -67,6 +70,7 @@ class ArclRobot:
         fences = fences_for(self.name)
         fences = None if fences is None else fences.seen_from(self.aki.zero)
         self._motions = MotionQueue(self.aki, self.ami.period_s, q, self, fences)
+        self._kept.serve(self._motions, self.aki)
         self.ami.start(self._sample)
 
     # -------------------------------------------------------------------------------------------------- positions
@@ -140,16 +144,6 @@ class ArclRobot:
         options = self._options.changed_by("move", attributes)
         with self._lock():
             self._motions.judge(Motion(pos, options))
-
-    def override(self, percent: float) -> None:
-        """Let motions go at `percent` of their speed, above 0 to 100, that under way too; places stay the same.
-
-        The operator's override (`qrobot ctl override`) counts besides. Raises MotionError: no such percentage.
-        """
-        if isinstance(percent, bool) or not isinstance(percent, int | float) or not 0.0 < percent <= 100.0:
-            raise MotionError(f"override: above 0 to 100 per cent are possible, not {percent!r}")
-        with self._lock():
-            self._motions.override = percent / 100.0
 
     def stop(self, *attributes: Any) -> None:
         """Drop all motions and come to rest, in at least Tseg: 300 ms, or what MOV_TIME says."""

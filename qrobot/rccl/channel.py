@@ -16,6 +16,7 @@ from qrobot.arrays import Floats
 from qrobot.config import Robot
 from qrobot.errors import ConfigError, LinkError, MotionError, QRobotError
 from qrobot.motion import Exerted, PlannedPath, Trsf
+from qrobot.motion.kept import WayBackLimit
 from qrobot.rccl.arguments import numbers, require_function, sample_period_us
 from qrobot.rccl.arm_session import ArmSession, ended_well
 from qrobot.rccl.event import Event
@@ -25,7 +26,6 @@ from qrobot.rccl.position import Position, require_position, there
 from qrobot.rccl.setpoints import Setpoints
 from qrobot.rccl.task import TrajectoryTask
 from qrobot.rccl.trace import Trace, add_trace
-from qrobot.rccl.way_back import WayBackLimit
 from qrobot.rci import Chg, Link
 from qrobot.units import DEG_PER_RAD, M_PER_MM, MM_PER_M, NS_PER_MS, RAD_PER_DEG, S_PER_MS
 from qrobot.wire import RobotState

@@ -18,9 +18,9 @@ from numpy.polynomial import Chebyshev
 from qrobot.arrays import Floats
 from qrobot.errors import LinkError, ServoFault
 from qrobot.faultcodes import FaultCode
+from qrobot.motion.kept import ToolPose
 from qrobot.motion.world.limits import MotionLimits
 from qrobot.rccl.setpoint_player import SetpointPlayer
-from qrobot.rccl.way_back import ToolPose
 
 MOST_SETPOINTS: Final = 1000  # that are remembered, of an arm that moves
 MOVED: Final = 1e-6  # rad or m: less is rest

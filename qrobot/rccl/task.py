@@ -2,7 +2,7 @@
 
 From power-up to release it goes through the cycle of every task that has a robot (`qrobot.rci.robot_cycle`). The
 generator stands still while the servo begins to follow, and runs while it follows. A path that outlives a stop of the
-servo waits while the arm stands, until somebody confirms that it may be led back (kept_path.py).
+servo waits while the arm stands, until somebody confirms that it may be led back (qrobot.motion.kept).
 
 It knows no clock and no thread: a `SampleDriver` of RCI calls `step` once per STATE.
 """
@@ -30,9 +30,9 @@ from qrobot.motion import (
     kinematics_of,
     motion_limits,
 )
+from qrobot.motion.kept import KeptPath, WayBackLimit, kept_path
 from qrobot.rccl.callback_timing import CallbackTiming
 from qrobot.rccl.event import Level
-from qrobot.rccl.kept_path import KeptPath, kept_path
 from qrobot.rccl.open_motions import OpenMotions
 from qrobot.rccl.parameters import MoveOrder
 from qrobot.rccl.retreat import Retreat, TravelledPath, is_collision
@@ -40,7 +40,6 @@ from qrobot.rccl.setpoint_player import SetpointPlayer, check_fences, check_fit,
 from qrobot.rccl.setpoints import Setpoints
 from qrobot.rccl.task_group import TaskGroup
 from qrobot.rccl.trace import Trace
-from qrobot.rccl.way_back import WayBackLimit
 from qrobot.rci import RobotData, TaskDescriptor
 from qrobot.rci.descriptor import HOST, NO_BIT, local_area
 from qrobot.rci.robot_cycle import CycleHooks, CyclePhase, RobotCycle
@@ -348,7 +347,7 @@ class TrajectoryTask:
         """Hold whatever can be held, until somebody confirms, or the program gives the path up."""
         if self._kept is None or self.how is None:
             return
-        self._kept.hear(self.how, self.tick)
+        self._kept.hear(self.how.paused, self.tick)
         self.insist()
         if self._kept.confirmed and self._kept.judge(self._way_objection):
             self._cycle.take_again(self.how.powered)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -71,6 +71,7 @@ class ArclArm:
         self._rest_since_s: float | None = None
         self._override = 100.0
         arcl_errproc(self._note)
+        rp.keep_path()
 
     @property
     def time_s(self) -> float:
@@ -95,8 +96,8 @@ class ArclArm:
 
     @property
     def kept(self) -> str:
-        """See `ValArm`; an arm that the servo has stopped is lost."""
-        return ""
+        """See `ValArm`."""
+        return self._rp.kept
 
     @property
     def waiting(self) -> int:
@@ -150,7 +151,8 @@ class ArclArm:
         self._rp.stop(MOV_TIME, STOP_MS)
 
     def resume(self) -> None:
-        """See `ValArm`; there is no path to go back to."""
+        """See `ValArm`."""
+        self._rp.resume()
 
     def hand(self, opened: bool) -> None:
         """See `ValArm`."""
@@ -218,6 +220,10 @@ def arcl_arm(robot: Robot, period_ms: float | None = None) -> Iterator[ArclArm]:
     rp = arcl_open(ARCL_ROBOT, robot, *(() if period_ms is None else (ARCL_PERIOD, period_ms)))
     try:
         yield ArclArm(robot, rp)
+    except BaseException:
+        with suppress(QRobotError):  # the first error is the one to tell
+            rp.abandon()
+        raise
     finally:
         arcl_errproc(None)
         forget(rp)

@@ -14,6 +14,7 @@ from qrobot.arrays import Floats
 from qrobot.errors import ServoFault
 from qrobot.faultcodes import FaultCode
 from qrobot.model.transform import inverse
+from qrobot.motion.kept import WAY_BACK_SHARE
 from qrobot.multi_rccl import (
     RobotManip,
     jposition,
@@ -28,7 +29,6 @@ from qrobot.multi_rccl import (
     wait_as,
 )
 from qrobot.multi_rccl.program import _program
-from qrobot.rccl.kept_path import WAY_BACK_SHARE
 from qrobot.rccl.program import ending
 from qrobot.rci import VirtualLink
 from qrobot.wire import Mode

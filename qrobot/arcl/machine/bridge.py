@@ -16,16 +16,16 @@ import numpy as np
 
 from qrobot.arcl.events import Grip
 from qrobot.arcl.machine.digital import set_bits
-from qrobot.arcl.machine.interface import MachineSample, MachineSettings, SetpointCycle
+from qrobot.arcl.machine.interface import MachineSample, MachineSettings, PathKeeper, SetpointCycle
 from qrobot.arcl.machine.stream_start import open_stream
 from qrobot.arcl.stream import RecordKind, StreamWriter
 from qrobot.arrays import Floats
-from qrobot.errors import LinkError, MotionError
+from qrobot.errors import LinkError, MotionError, ServoFault
 from qrobot.motion import MotionLimits
 from qrobot.rci.descriptor import HOST, NO_BIT, TaskDescriptor, local_area
 from qrobot.rci.environment import environment
 from qrobot.rci.link import Link, LinkFactory, check_welcome, hello_for, sample_period_us
-from qrobot.rci.robot_cycle import CyclePhase, RobotCycle
+from qrobot.rci.robot_cycle import CycleHooks, CyclePhase, RobotCycle
 from qrobot.rci.robot_data import KnownRobot, RobotData
 from qrobot.rci.sample_drivers import driver_for
 from qrobot.rci.sampled_task import SampleDriver
@@ -34,6 +34,7 @@ from qrobot.units import NS_PER_MS
 from qrobot.wire import Command, RobotState, State, Welcome
 from qrobot.wire.vocabulary import Hand
 
+_OFF_PATH: Final = frozenset({CyclePhase.STANDING, CyclePhase.POWERING, CyclePhase.STARTING})
 _HANDS: Final = {Grip.GRIP_OPEN: Hand.OPEN, Grip.GRIP_CLOSE: Hand.CLOSED, Grip.GRIP_RELAX: Hand.RELAXED}
 
 
@@ -65,6 +66,7 @@ class BridgeMachine:
         self._error: BaseException | None = None  # that no driver has met
         self._first_ns: int | None = None
         self._left_out = 0
+        self._keeper: PathKeeper | None = None
 
     def open(self) -> Floats:
         """See `RobotMachine.open`. Raises LinkError, ServoFault, MotionError: the arm cannot be taken."""
@@ -107,6 +109,10 @@ class BridgeMachine:
                 self._driver.end()
             raise
         return np.array(self.td.chg.setpoints) - self._settings.zero
+
+    def keep_path(self, keeper: PathKeeper) -> None:
+        """See `RobotMachine.keep_path`."""
+        self._keeper = keeper
 
     def narrow(self, limits: MotionLimits) -> MotionLimits:
         """See `RobotMachine.narrow`: those of the robot file, slowed as the servo's reduced speed asks for."""
@@ -185,7 +191,8 @@ class BridgeMachine:
         """Begin the conversation. Raises LinkError: the bridge has another robot."""
         check_welcome(welcome, self._settings.robot, "the program")
         self.period_s = welcome.period_us * 1e-6
-        self._robot = RobotCycle(self.td, self._data, self.period_s, self._settings.clear_fault)
+        hooks = CycleHooks(held=self._lead_back, stopped=self._stopped)
+        self._robot = RobotCycle(self.td, self._data, self.period_s, self._settings.clear_fault, hooks)
 
     @property
     def left(self) -> bool:
@@ -195,18 +202,44 @@ class BridgeMachine:
     def step(self, state: State, now_ns: int) -> Command:
         """See `SampledTask.step`."""
         command = self._robot.step(state, now_ns, None if self._cycle is None else self._control)
+        if self._robot.phase in _OFF_PATH and self._cycle is not None and self._keeper is not None:
+            self._wait_off_path(self._keeper)
         self._robot.describe()
         return command
 
     def lose_link(self, lost: LinkError) -> None:
-        """See `SampledTask.lose_link`. Raises `lost`, always."""
-        raise lost
+        """See `SampledTask.lose_link`. Raises `lost`: the path is not kept."""
+        self._stopped(lost)
+        self._robot.count_anew()
 
     def insist(self) -> None:
-        """See `SampledTask.insist`: this hold ends with its link."""
+        """See `SampledTask.insist`."""
+        if self._keeper is not None:
+            self._keeper.insist()
 
     def lost(self) -> None:
         """See `SampledTask.lost`: arms of one program are each other's strangers."""
+
+    def _stopped(self, fault: ServoFault | LinkError) -> None:
+        """The servo holds the arm, or none does. Raises `fault`: nobody keeps its path."""
+        leaving = self._robot.phase is CyclePhase.STOPPING
+        if leaving or self._cycle is None or self._keeper is None or not self._keeper.keep(fault):
+            raise fault
+        self._robot.stand()
+        self.td.chg.path_waits = True
+
+    def _wait_off_path(self, keeper: PathKeeper) -> None:
+        """One sample of an arm that stands off its path, or is taken again."""
+        self.sample = self._sample_of(self.td.how)
+        keeper.look(self.sample, self.td.how.paused)
+        if self._robot.phase is CyclePhase.STANDING and keeper.may_return(self.sample):
+            self._robot.take_again(self.td.how.powered)
+        self.td.chg.path_waits = bool(keeper.reason)
+
+    def _lead_back(self) -> None:
+        """The arm is held, and its setpoints are about to stream."""
+        if self._cycle is not None and self._keeper is not None:
+            self._keeper.lead_back(np.array(self.td.how.q_setpoint) - self._settings.zero)
 
     def _control(self) -> None:
         """Ask the generator for setpoints; the robot's cycle checks them."""

@@ -15,7 +15,7 @@ from typing import Final, Protocol
 import numpy as np
 
 from qrobot.arcl.machine.digital import set_bits
-from qrobot.arcl.machine.interface import MachineSample, MachineSettings, SetpointCycle
+from qrobot.arcl.machine.interface import MachineSample, MachineSettings, PathKeeper, SetpointCycle
 from qrobot.arcl.machine.stream_start import open_stream
 from qrobot.arcl.stream import RecordKind
 from qrobot.arcl.trace import done_line
@@ -125,6 +125,10 @@ class EmulatedMachine:
         """See `RobotMachine.write_outputs`."""
         self._outputs = set_bits(self._outputs, first, count, value)
         self._write(RecordKind.OUTPUT, [first, count, value])
+
+    def keep_path(self, keeper: PathKeeper) -> None:  # noqa: ARG002 (there is nobody who would give the arm back)
+        """See `RobotMachine.keep_path`. Raises MotionError, always."""
+        raise MotionError(f"keep_path: the machine layer {self.name!r} cannot take an arm again that it has lost")
 
     def lend(self, borrower: Callable[[LinkFactory], None]) -> Floats:  # noqa: ARG002 (there are no links)
         """See `RobotMachine.lend`. Raises MotionError, always."""

@@ -18,6 +18,7 @@ import numpy as np
 from qrobot.arcl.stream import StreamWriter
 from qrobot.arrays import Floats
 from qrobot.config import Robot
+from qrobot.errors import LinkError, ServoFault
 from qrobot.motion import MotionLimits
 from qrobot.rci.link import LinkFactory
 from qrobot.wire.vocabulary import N_SENSORS
@@ -76,6 +77,32 @@ class MachineSettings:
     start: Floats | None = None
 
 
+class PathKeeper(Protocol):
+    """Keeps the path of an arm over stops of the servo. The machine calls it with its lock held."""
+
+    @property
+    def reason(self) -> str:
+        """Reason for which the arm stands off its path, until somebody confirms that it may go back; else empty."""
+
+    def keep(self, fault: ServoFault | LinkError) -> bool:
+        """Control of the arm would end with `fault`; true when the arm is to stand instead, and be taken again."""
+
+    def look(self, seen: MachineSample, paused: bool) -> None:
+        """A sample in which the arm is off its path, and `cycle` is not called; the end of a pause confirms.
+
+        Raises what `insist` raises.
+        """
+
+    def insist(self) -> None:
+        """Raise the fault that the program was not told, once it has given the path up."""
+
+    def may_return(self, seen: MachineSample) -> bool:
+        """True once the arm, which stands, is to be taken again."""
+
+    def lead_back(self, q: Floats) -> None:
+        """The arm is held at `q` (n,), and `cycle` called again: it leads back. Raises MotionError: it cannot."""
+
+
 class RobotMachine(Protocol):
     """A way to one arm.
 
@@ -123,6 +150,12 @@ class RobotMachine(Protocol):
 
     def write_outputs(self, first: int, count: int, value: int) -> None:
         """Switch `count` binary outputs from line `first` on to the bits of `value`. Raises MotionError: no such."""
+
+    def keep_path(self, keeper: PathKeeper) -> None:
+        """Let `keeper` decide from now on whether a stop of the servo ends control of the arm.
+
+        Raises MotionError: this machine cannot take an arm again that it has lost.
+        """
 
     def lend(self, borrower: Callable[[LinkFactory], None]) -> Floats:
         """Let go of the arm, which is at rest, until `borrower` has done with links to it, and take it again.

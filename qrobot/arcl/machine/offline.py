@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 
 from qrobot.arcl.machine.emulated import EmulatedMachine, start_of
-from qrobot.arcl.machine.interface import MachineSettings
+from qrobot.arcl.machine.interface import MachineSettings, PathKeeper
 from qrobot.arrays import Floats
 from qrobot.motion import MotionLimits
 
@@ -29,6 +29,9 @@ class OfflineMachine(EmulatedMachine):
 
     def __init__(self, settings: MachineSettings) -> None:
         super().__init__("offl", settings, OFFLINE_PERIOD_MS, lambda period_s: IdealArm(start_of(settings), period_s))
+
+    def keep_path(self, keeper: PathKeeper) -> None:
+        """See `RobotMachine.keep_path`: this arm is never stopped."""
 
 
 class IdealArm:

@@ -16,7 +16,7 @@ from qrobot.faultcodes import FaultCode
 from qrobot.fences.fence_set import FenceSet
 from qrobot.fences.in_force import use_fences
 from qrobot.motion import Termination
-from qrobot.rccl.kept_path import WAY_BACK_SHARE
+from qrobot.motion.kept import WAY_BACK_SHARE
 from qrobot.rci import VirtualLink
 from qrobot.wire import Mode
 from tests.support.fake_robot import FakeRobot

@@ -7,7 +7,8 @@ from typing import Final
 import numpy as np
 
 from qrobot.arrays import Floats
-from qrobot.motion import Generator, Goal
+from qrobot.motion.generator import Generator
+from qrobot.motion.world.equation import Goal
 from qrobot.motion.world.kinematics import ArmKinematics
 
 STILL: Final = 1e-9  # m, and of axes: what moves less from one sample to the next stands

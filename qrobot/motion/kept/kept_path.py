@@ -18,10 +18,11 @@ import numpy as np
 
 from qrobot.arrays import Floats
 from qrobot.errors import LinkError, MotionError, ServoFault
-from qrobot.motion import EventKind, Generator, MoveRequest, SpeedShare, Termination
+from qrobot.motion.event import EventKind, Termination
+from qrobot.motion.generator import Generator
+from qrobot.motion.kept.followed_goal import FollowedGoal, followed_goal
+from qrobot.motion.request import MoveRequest, SpeedShare
 from qrobot.motion.world.kinematics import ArmKinematics
-from qrobot.rccl.followed_goal import FollowedGoal, followed_goal
-from qrobot.wire import RobotState
 
 WAY_BACK_SHARE: Final = 0.1  # [A] of the joints' greatest speeds, on the way back
 THERE: Final = 1e-6  # rad or m: of an arm that is with the goal it followed
@@ -56,12 +57,12 @@ class KeptPath:
         self._goal = generator.newest
         self._paused = False
 
-    def hear(self, robot: RobotState, tick: int) -> None:
+    def hear(self, paused: bool, tick: int) -> None:
         """Look whether the operator confirms: a pause of theirs ends; and where what was followed is at this sample."""
         if self._followed is not None:
             self._followed.look(tick)
-        self.confirmed = self.confirmed or (self._paused and not robot.paused)
-        self._paused = robot.paused
+        self.confirmed = self.confirmed or (self._paused and not paused)
+        self._paused = paused
 
     def wait_again(self, fault: ServoFault | LinkError) -> None:
         """Wait for somebody to confirm, as the servo has stopped the arm, or stopped it once more, with `fault`."""

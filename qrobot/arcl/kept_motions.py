@@ -1,0 +1,100 @@
+"""The motions of a robot while its arm is off their path: they wait, until the arm has been led back to it."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from qrobot.arcl.kinematics import ManipulatorKinematics
+from qrobot.arcl.machine import MachineSample
+from qrobot.arrays import Floats
+from qrobot.config import Robot
+from qrobot.errors import LinkError, MotionError, ServoFault
+from qrobot.motion.kept import KeptPath, WayBackLimit, kept_path
+
+if TYPE_CHECKING:
+    from qrobot.arcl.generator import MotionQueue
+
+
+class KeptMotions:
+    """See `PathKeeper`, which the machine calls; the queue asks it for setpoints on the way back.
+
+    Args:
+        robot: the arm.
+
+    Attributes:
+        wanted: a stop of the servo does not end control of the arm.
+        limit: how far the arm is led back.
+    """
+
+    _queue: MotionQueue
+    _kinematics: ManipulatorKinematics
+
+    def __init__(self, robot: Robot) -> None:
+        self.wanted, self.limit = False, WayBackLimit()
+        self._robot = robot
+        self._path: KeptPath | None = None
+
+    def serve(self, queue: MotionQueue, kinematics: ManipulatorKinematics) -> None:
+        """The motions are those of `queue` from now on; the arm, which has these kinematics, is on their path."""
+        self._queue, self._kinematics, self._path = queue, kinematics, None
+        queue.kept = self
+
+    @property
+    def reason(self) -> str:
+        """Reason for which the arm stands off its path, until somebody confirms that it may go back; else empty."""
+        return "" if self._path is None or self._path.confirmed else str(self._path.reason)
+
+    def confirm(self) -> None:
+        """The arm may be led back; does nothing when it is on its path."""
+        if self._path is not None:
+            self._path.confirmed = True
+
+    def give_up(self, seconds: float) -> None:
+        """Stop on the way back, in at least `seconds`; what waits will not be done."""
+        if self._path is not None:
+            self._path.give_up(seconds)
+
+    def keep(self, fault: ServoFault | LinkError) -> bool:
+        """See `PathKeeper.keep`."""
+        if self._path is None and self.wanted:
+            self._path = kept_path(self._queue.engine, self._kinematics, self._queue.tick, fault)
+        if self._path is None or self._path.given_up:
+            return False
+        self._path.wait_again(fault)
+        return True
+
+    def look(self, seen: MachineSample, paused: bool) -> None:
+        """See `PathKeeper.look`."""
+        if self._path is not None:
+            self._queue.count(seen)
+            self._path.hear(paused, self._queue.tick)
+            self.insist()
+
+    def insist(self) -> None:
+        """See `PathKeeper.insist`."""
+        if self._path is not None and self._path.given_up:
+            raise self._path.fault
+
+    def may_return(self, seen: MachineSample) -> bool:
+        """See `PathKeeper.may_return`."""
+
+        def objection_to(goal: Floats) -> MotionError | None:
+            return self.limit.objection(self._robot, self._kinematics.forward, seen.q, goal)
+
+        return self._path is not None and self._path.confirmed and self._path.judge(objection_to)
+
+    def lead_back(self, q: Floats) -> None:
+        """See `PathKeeper.lead_back`."""
+        if self._path is not None:
+            self._path.lead_back(self._queue.engine_at, np.array(q))
+
+    def setpoint(self, override: float) -> Floats | None:
+        """The setpoint (n,) of a sample on the way back; None on the path. Raises what `KeptPath.way_back` raises."""
+        if self._path is None:
+            return None
+        q = self._path.way_back(self._queue.tick, override)
+        if self._path.reached(self._queue.tick):
+            self._queue.engine, self._path = self._path.generator, None
+        return q

@@ -1,0 +1,163 @@
+"""Motions of ARCL that outlive a stop of the servo, as those of RCCL do (tests/unit/rccl/test_kept_path.py)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from qrobot import rci
+from qrobot.arcl import (
+    ARCL_AMI,
+    EQ,
+    EVENT_DONE,
+    EVENT_STOP,
+    MOV_TIME,
+    MOV_TRAJ,
+    T6,
+    TL,
+    TRAJ_CART,
+    Motion,
+    arcl_close,
+    arcl_keep_path,
+    arcl_kept,
+    arcl_open,
+    arcl_resume,
+    arcl_wait,
+    joint_pos,
+    makeposition,
+    move,
+    stop,
+)
+from qrobot.arcl.robot import ArclRobot
+from qrobot.errors import MotionError, ServoFault
+from qrobot.faultcodes import FaultCode
+from qrobot.motion.kept import WAY_BACK_SHARE
+from qrobot.rci import VirtualLink
+from tests.support.arcl import forget_programs
+from tests.support.fake_robot import FakeRobot
+from tests.support.puma import LIMITS, PARK, PERIOD_S
+
+SAG = 0.02
+ROUNDING = 1e-9
+
+
+@pytest.fixture
+def fake() -> Iterator[FakeRobot]:
+    robot = FakeRobot(tuple(PARK))
+    forget_programs()
+    with rci.use(lambda hello: VirtualLink(hello, robot.transfer)):
+        yield robot
+    forget_programs()
+
+
+def fail(robot: FakeRobot, way: str) -> None:
+    """A stop that leaves the arm under power, or a fault in which it sags a little."""
+    if way == "stop":
+        robot.halt(FaultCode.STREAM_LOST)
+    else:
+        robot.break_down(FaultCode.FOLLOWING)
+        robot.q = tuple(np.array(robot.q) + SAG)
+
+
+def motions(rp: ArclRobot) -> list[Motion]:
+    """By its joints round a place, and on in a straight line."""
+    via, end = (rp.joints + np.array(turn) for turn in ([40.0, -10, 5, 0, 0, 0], [20.0, 15, -10, 20, 0, 0]))
+    goal = rp.fkine(end.tolist(), "END")
+    straight = makeposition(T6, EQ, goal, TL, goal)
+    return [
+        move(rp, joint_pos(rp, "VIA", via.tolist()), MOV_TIME, 1500, 0),
+        move(rp, straight, MOV_TRAJ, TRAJ_CART, MOV_TIME, 1500, 0),
+    ]
+
+
+def path_of(fake: FakeRobot, way: str | None, sample: int, who: str = "program") -> tuple[np.ndarray, int, set[str]]:
+    """Setpoints of the two motions, the arm being stopped at one of their samples; how many came before, and `kept`."""
+    rp = arcl_open(ARCL_AMI, "bridge")
+    rp.keep_path()
+    asked, begin, told = motions(rp), fake.seq, set()
+    first = len(fake.path)
+    before: list[int] = []
+
+    def interfere(seq: int) -> None:
+        told.add(rp.kept)
+        if way is None or seq < begin + sample:
+            return
+        if seq == begin + sample:
+            fail(fake, way)
+            before.append(len(fake.path) - first)
+        if who == "operator":
+            fake.paused = begin + sample + 20 <= seq < begin + sample + 30
+        elif seq == begin + sample + 30:
+            rp.resume()
+
+    fake.before_period = interfere
+    arcl_wait(rp)
+    fake.before_period = None
+    assert [motion.code for motion in asked] == [EVENT_DONE, EVENT_DONE]
+    arcl_close(rp)
+    return np.array(fake.path[first:]), before[0] if before else 0, told
+
+
+@pytest.mark.parametrize(
+    ("way", "sample", "who"), [("stop", 30, "operator"), ("fault", 54, "program"), ("fault", 80, "operator")]
+)
+def test_the_path_goes_on_where_a_stop_of_the_servo_has_left_it(
+    fake: FakeRobot, way: str, sample: int, who: str
+) -> None:
+    nominal, _, _ = path_of(fake, None, 0)
+    fake.q = tuple(PARK)
+    path, stopped, told = path_of(fake, way, sample, who)
+    assert len(told) == 2  # why, and nothing
+    before, after = path[:stopped], path[stopped:]
+    coarseness = np.abs(np.diff(nominal, axis=0)).max()
+    off = np.abs(after[:, None] - nominal[None]).max(axis=2).min(axis=1) > coarseness
+    assert np.flatnonzero(np.diff(off.astype(int))).size <= 1  # once back on the path, always on it
+    assert off.any() == (way == "fault")
+    assert np.abs(before[-1] - after).max(axis=1).min() < 1e-9  # no place is left out
+    slow = WAY_BACK_SHARE * LIMITS.v_max * PERIOD_S * (1.0 + ROUNDING)
+    assert (np.abs(np.diff(after[off], axis=0)) <= slow).all()
+    assert (np.abs(np.diff(after, n=2, axis=0)) / PERIOD_S**2 <= LIMITS.a_max * (1.0 + ROUNDING)).all()
+    assert path[-1] == pytest.approx(nominal[-1], abs=1e-6)
+
+
+def test_without_that_wish_a_stop_of_the_servo_ends_control_and_a_wish_is_checked(fake: FakeRobot) -> None:
+    rp = arcl_open(ARCL_AMI, "bridge")
+    for wrong in ({"way_back_mm": -1.0}, {"way_back_deg": float("nan")}, {"way_back_mm": "far"}):
+        with pytest.raises(MotionError, match="keep_path"):
+            rp.keep_path(**wrong)
+    motions(rp)
+    arcl_wait(rp, lambda: rp.treal > 500.0)
+    fail(fake, "stop")
+    with pytest.raises(ServoFault):
+        arcl_wait(rp)
+
+
+def test_a_way_back_that_is_too_long_waits_until_more_is_allowed_and_a_stop_gives_the_path_up(fake: FakeRobot) -> None:
+    rp = arcl_open(ARCL_AMI, "bridge")
+    arcl_keep_path(rp, way_back_mm=5.0)
+    asked = motions(rp)
+    arcl_wait(rp, lambda: rp.treal > 500.0)
+    fail(fake, "fault")
+    arcl_wait(rp, lambda: rp.kept)
+    rp.resume()
+    arcl_wait(rp, lambda: "5 mm" in rp.kept)
+    assert "way back to the path is too long" in arcl_kept(rp)
+    arcl_keep_path(rp)
+    arcl_resume(rp)
+    arcl_wait(rp, lambda: not rp.kept)
+    assert [motion.code for motion in asked] == [None, None]
+    stop(rp, 0)
+    with pytest.raises(ServoFault, match="FOLLOWING"):
+        arcl_wait(rp)
+    assert asked[1].code is EVENT_STOP
+
+
+@pytest.mark.parametrize("layer", ["ceded", "loops", "stepper"])
+def test_a_machine_that_cannot_take_an_arm_again_refuses_to_keep_a_path(layer: str) -> None:
+    forget_programs()
+    rp = arcl_open(ARCL_AMI, layer)
+    with pytest.raises(MotionError, match=f"machine layer '{layer}' cannot take an arm again"):
+        rp.keep_path()
+    arcl_close(rp)
