@@ -113,6 +113,10 @@ static void motions(ROBOT *rp)
     check("an error", told == 1 && m->code == EVENT_REACH);
     arcl_errproc(NULL);
     m = move(rp, park, MOV_TIME, 1e4, 0);
+    arcl_override(rp, 50.0);
+    arcl_keep_path(rp, 1, 200.0, 30.0);
+    arcl_resume(rp);
+    check("a path that nobody left", !*arcl_kept(rp));
     arcl_skip(rp);
     stop(rp, MOV_TIME, 500, 0);
     arcl_wait(rp);

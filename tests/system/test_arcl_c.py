@@ -19,12 +19,15 @@ from qrobot.arcl.kinematics import kinematics
 from qrobot.arcl.stream import RecordKind, read_stream
 from qrobot.cli import toolchain
 from qrobot.cli.teach_pendant import teach_by_keys
+from qrobot.faultcodes import FaultCode
+from qrobot.rci import VirtualLink
 from qrobot.rig.lockstep import LockstepRig, link_factory
 from qrobot.servo.settings import ServoSettings
 from qrobot.sim_board.emulator import Emulator
 from tests.support.arcl import EXAMPLES, forget_programs, keys_of_a_terminal, run_c, run_example
 from tests.support.c_programs import CHECKED, FOUND, compiled, needs_compiler, needs_valgrind, under_valgrind
-from tests.support.puma import ROBOT
+from tests.support.fake_robot import FakeRobot
+from tests.support.puma import PARK, ROBOT
 
 pytestmark = [needs_compiler, pytest.mark.usefixtures("own_cache")]
 HEADER = (toolchain.ARCL_INCLUDE / "arcl.h").read_text()
@@ -71,8 +74,54 @@ def test_every_call_gives_what_it_should_and_valgrind_finds_nothing(tmp_path: Pa
     assert run_c(under_valgrind(program), tmp_path, "+nolim", str(tmp_path / "table"), "word") == 0, FOUND
     said = capfd.readouterr().out
     assert "WRONG" not in said
-    assert said.count("as it should be") == 19
+    assert said.count("as it should be") == 20
     assert said.endswith("all calls made\n")
+
+
+KEPT = """\
+#include <arcl.h>
+#include <stdio.h>
+#include <string.h>
+static ROBOT *rp;
+static int stopped(void) { return *arcl_kept(rp); }
+int main(void)
+{
+    rp = arcl_open(0);
+    arcl_keep_path(rp, 1, 5., 45.);
+    arcl_override(rp, 90.);
+    Motion *m = move(rp, joint_pos(rp, "P", 40., 90., -90., 0., 90., 0.), MOV_TIME, 2000, 0);
+    arcl_wait(rp, stopped);
+    printf("%s, code %d\\n", strstr(arcl_kept(rp), "FOLLOWING") ? "FOLLOWING" : arcl_kept(rp), m->code);
+    arcl_resume(rp);
+    arcl_wait(rp, stopped);
+    printf("%s\\n", strstr(arcl_kept(rp), "too long") ? "too long" : arcl_kept(rp));
+    arcl_keep_path(rp, 1, 300., 45.);
+    arcl_resume(rp);
+    arcl_wait(rp);
+    printf("code %d, kept '%s'\\n", m->code, arcl_kept(rp));
+    arcl_keep_path(rp, 1, -1., 45.);
+    return 0;
+}
+"""
+
+
+def test_a_program_that_keeps_its_path_sees_why_it_waits_and_goes_on_when_it_confirms(tmp_path: Path, capfd) -> None:
+    (tmp_path / "kept.c").write_text(KEPT)
+    fake = FakeRobot(tuple(PARK))
+
+    def stop_it(seq: int) -> None:
+        if fake.q[0] > np.radians(20.0):
+            fake.before_period = None
+            fake.break_down(FaultCode.FOLLOWING)
+            fake.q = tuple(np.array(fake.q) + 0.02)
+
+    fake.before_period = stop_it
+    with rci.use(lambda hello: VirtualLink(hello, fake.transfer)):
+        assert run_c(compiled(tmp_path / "kept.c", tmp_path), tmp_path, ami="bridge") == 1
+    told = capfd.readouterr()
+    assert told.out == "FOLLOWING, code 0\ntoo long\ncode 4, kept ''\n"
+    assert "keep_path: a way back of 0 or more mm and degrees is needed, not -1.0" in told.err
+    assert fake.q[0] == pytest.approx(np.radians(40.0))
 
 
 WRONG = """\

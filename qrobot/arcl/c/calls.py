@@ -210,6 +210,10 @@ def _free(objects: ObjectTable, place: int, _: CallValues) -> None:
     objects.free(place)
 
 
+def _kept(_: ObjectTable, __: int, given: CallValues) -> CallMessage:
+    return CallMessage(Op.REPLY, text=arcl.arcl_kept(*given))
+
+
 def _treal(_: ObjectTable, __: int, given: CallValues) -> CallMessage:
     return _numbers([arcl.ami_treal(*given)])
 
@@ -243,6 +247,10 @@ CALLS: Final[dict[str, CHandler]] = {
     "arcl_open": _arcl_open,
     "arcl_close": _plain(arcl.arcl_close),
     "arcl_skip": _plain(arcl.arcl_skip),
+    "arcl_override": _plain(arcl.arcl_override),
+    "arcl_keep_path": _plain(arcl.arcl_keep_path),
+    "arcl_kept": _kept,
+    "arcl_resume": _plain(arcl.arcl_resume),
     "arcl_wait": _plain(arcl.arcl_wait),
     "arcl_errproc": _plain(arcl.arcl_errproc),
     "arcl_free": _free,

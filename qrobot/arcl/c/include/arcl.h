@@ -211,6 +211,10 @@ void arcl_free(void *object); /* any of them; motions under way go on */
 
 void arcl_close(ROBOT *rp);
 void arcl_skip(ROBOT *rp);
+void arcl_override(ROBOT *rp, double percent); /* of the programmed speed, above 0 to 100 */
+void arcl_keep_path(ROBOT *rp, int keep, double way_back_mm, double way_back_deg); /* motions outlive a stop: 1, 300, 45 */
+char *arcl_kept(ROBOT *rp); /* why the arm stands off its path, "" on it; good until the next call */
+void arcl_resume(ROBOT *rp);      /* it may be led back */
 int arcl_errproc(int (*function)(Event, ROBOT *, const char *)); /* a null pointer: ARCL decides again */
 Trans *where(ROBOT *rp);
 

@@ -69,6 +69,30 @@ API void arcl_skip(ROBOT *rp)
     arcl_call("arcl_skip", NULL, LIST(arcl_object(rp)));
 }
 
+API void arcl_override(ROBOT *rp, double percent)
+{
+    arcl_call("arcl_override", NULL, LIST(arcl_object(rp), arcl_real(percent)));
+}
+
+API void arcl_keep_path(ROBOT *rp, int keep, double way_back_mm, double way_back_deg)
+{
+    arcl_call("arcl_keep_path", NULL,
+              LIST(arcl_object(rp), arcl_integer(keep), arcl_real(way_back_mm), arcl_real(way_back_deg)));
+}
+
+API char *arcl_kept(ROBOT *rp)
+{
+    static __thread char text[SHIM_TEXT];
+    struct message m = arcl_call("arcl_kept", NULL, LIST(arcl_object(rp)));
+    memcpy(text, m.text, sizeof text);
+    return text;
+}
+
+API void arcl_resume(ROBOT *rp)
+{
+    arcl_call("arcl_resume", NULL, LIST(arcl_object(rp)));
+}
+
 API int arcl_errproc(int (*function)(Event, ROBOT *, const char *))
 {
     arcl_call("arcl_errproc", NULL, LIST(arcl_answering((int (*)()) function)));
