@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import reduce
 from pathlib import Path
 from typing import Any
@@ -148,11 +148,21 @@ class ArmStation:
             self.requests.act("pause")
             self.tell("no page drives: the program is paused; `Drive from here`, and `Go on`")
 
-    def start_program(self, request: PageProgramStart) -> None:
-        """Start a program. Raises MotionError: the arm is not ready for it, or it was not confirmed; ConfigError."""
+    @property
+    def bridge(self) -> str:
+        """Address of its bridge."""
+        return f"{self.arm.bridge.host}:{self.arm.bridge.port}"
+
+    def start_program(self, request: PageProgramStart, others: Sequence[ArmStation] = ()) -> None:
+        """Start a program, which may reach the arms of `others` besides.
+
+        Raises:
+            MotionError: the arm is not ready for it, or it was not confirmed.
+            ConfigError: there is no such program.
+        """
         if request.manner == "live" and (why := self._why_not_live(request.confirmed)):
             raise MotionError(f"the program is not started: {why}")
-        self.programs.start(request)
+        self.programs.start(request, [self.bridge, *(other.bridge for other in others)])
         self.tell(f"{request.name} is started")
 
     def start_procedure(self, request: PageProcedureStart) -> None:

@@ -9,7 +9,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Final, Literal
@@ -35,6 +35,7 @@ class CommandRun:
         changed: called, from another thread, when `state` is another.
         niceness: of the processes.
         lines: what the last one reads first.
+        variables: of their surroundings.
         program: runs the arguments.
 
     Attributes:
@@ -49,6 +50,7 @@ class CommandRun:
         changed: Callable[[], None],
         niceness: int = 0,
         lines: Sequence[str] = (),
+        variables: Mapping[str, str] = {},
         program: Sequence[str] = (sys.executable, "-m", "qrobot"),
     ) -> None:
         self.output = OutputTail()
@@ -56,6 +58,7 @@ class CommandRun:
         self.told = ""
         self._commands, self._changed = commands, changed
         self._niceness, self._lines, self._program = niceness, lines, program
+        self._surroundings = {**os.environ, "PYTHONUNBUFFERED": "1", "NO_COLOR": "1", **variables}
         self._process: subprocess.Popen[bytes] | None = None
         self._ending = self._killed = False
         self._lock = threading.Lock()
@@ -121,7 +124,7 @@ class CommandRun:
         try:
             process = subprocess.Popen(
                 [*head, *command], stdin=pipe, stdout=pipe, stderr=subprocess.STDOUT, start_new_session=True,
-                env={**os.environ, "PYTHONUNBUFFERED": "1", "NO_COLOR": "1"},
+                env=self._surroundings,
             )  # fmt: skip
         except OSError as error:
             self.output.note(f"cannot be started: {error.strerror}")

@@ -190,6 +190,10 @@ class DriveFloor:
                 self._of(message).requests.override(factor)
             case PageHand(opened=opened):
                 self._of(message).worker.say(do="hand", opened=opened)
+            case PageProgramStart():
+                own = self._of(message)
+                driven = [arm for arm in self.arms if arm.lease.holder == page.number]
+                own.start_program(message, [arm for arm in driven if arm is not own])
             case _:
                 self._work(self._of(message), message)
 
@@ -206,8 +210,6 @@ class DriveFloor:
                 arm.places.remove(name)
             case PagePlace():
                 arm.places.put(message)
-            case PageProgramStart():
-                arm.start_program(message)
             case PageProgramSay(line=line):
                 arm.programs.say(line)
             case PageBoardForce(line=line):

@@ -13,6 +13,7 @@ from qrobot.errors import MotionError
 from qrobot.pendant.command_run import CommandRun
 from qrobot.pendant.program_folder import RECORDED, RECORDING, ProgramFolder, language_of
 from qrobot.pendant.program_messages import PageProgramStart
+from qrobot.rci.tcp import BRIDGE_VARIABLE, ONLY_VARIABLE
 
 NICE: Final = 10  # of what moves no arm: it must not take the processor from a servo that runs
 RESULTS: Final = {"requests": "requests.txt", "setpoints": "setpoints.csv"}
@@ -76,8 +77,13 @@ class ProgramRunner:
             "line": self._error_line(run, request) if run.state == "failed" else None,
         }
 
-    def start(self, request: PageProgramStart) -> None:
-        """Start a program. Raises MotionError: another one runs; ConfigError: there is none of that name."""
+    def start(self, request: PageProgramStart, bridges: Sequence[str] = ()) -> None:
+        """Start a program, which reaches no arms but those of `bridges`, its own first.
+
+        Raises:
+            MotionError: another one runs.
+            ConfigError: there is none of that name.
+        """
         if self._running is not None:
             raise MotionError("a program runs: end it first")
         path = self.folder.path_of(request.name)
@@ -90,6 +96,7 @@ class ProgramRunner:
             self._changed,
             0 if request.manner == "live" else NICE,
             [f"SPEED {request.speed:g}", f"XSTEP {request.execute}"] if request.step else [],
+            {BRIDGE_VARIABLE: bridges[0], ONLY_VARIABLE: ",".join(bridges)} if bridges else {},
         )
         self._changed()
 

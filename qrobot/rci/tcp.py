@@ -15,9 +15,11 @@ from qrobot.rci.client import Beside, Client
 from qrobot.rci.link import NEW_PERIOD
 from qrobot.realtime.bridge_token import token_for
 from qrobot.realtime.deadline import Deadline
-from qrobot.wire import DEFAULT_PORT, Command, Hello, State, Welcome
+from qrobot.wire import DEFAULT_PORT, ClientRole, Command, Hello, State, Welcome
 
 BRIDGE_VARIABLE: Final = "QROBOT_BRIDGE"
+ONLY_VARIABLE: Final = "QROBOT_ONLY_BRIDGES"
+"""Addresses with commas between them, of the only arms that a program may reach; whoever starts it sets it."""
 LOCALHOST: Final = "127.0.0.1"
 CONNECT_TIMEOUT_S: Final = 3.0
 ANSWER_TIMEOUT_S: Final = 2.0  # far beyond the longest sample period of 100 ms
@@ -44,6 +46,16 @@ def bridge_address(text: str | None = None) -> SocketAddress:
 def address_text(bridge: str) -> str:
     """The address of a bridge in full, "host:port". Raises ConfigError: that is no address."""
     return "{}:{}".format(*bridge_address(bridge))
+
+
+def check_reachable(address: SocketAddress) -> None:
+    """Raise ConfigError for a bridge that whoever has started the program keeps from it."""
+    allowed, place = os.environ.get(ONLY_VARIABLE), "{}:{}".format(*address)
+    if allowed is not None and place not in map(address_text, allowed.split(",")):
+        raise ConfigError(
+            f"the bridge at {place} is not for this program, which was started for {allowed} alone: at the pendant, "
+            "drive the other arm from the same page as well, and start the program again"
+        )
 
 
 def connect(address: SocketAddress) -> socket.socket:
@@ -89,7 +101,9 @@ class TcpLink:
         self._socket: socket.socket | None = None
 
     def open(self) -> Welcome:
-        """Connect and greet; see `Link.open`."""
+        """Connect and greet; see `Link.open`. Raises ConfigError: that arm is not for this program."""
+        if self._hello.role is ClientRole.COMMANDER:
+            check_reachable(self._address)
         self._socket = self._connector(self._address)
         self._socket.settimeout(ANSWER_TIMEOUT_S)
         self._send(self._client.greet())

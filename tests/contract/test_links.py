@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import socket
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager, suppress
+from contextvars import copy_context
 
 import pytest
 
+from qrobot import arcl, multi_rccl, rccl
 from qrobot.errors import (
     ConfigError,
     LinkBusy,
@@ -20,6 +22,7 @@ from qrobot.errors import (
 )
 from qrobot.rci import Chg, Link, TcpLink, VirtualLink, bridge_address, hello_for
 from qrobot.rci import tcp as tcp_module
+from qrobot.rci.tcp import check_reachable
 from qrobot.wire import Bye, ClientRole, Connection, ErrorCode, Hello, Payload, Side, State, Stop, Welcome, WireError
 from tests.support.bridge import Bridge
 from tests.support.fake_robot import FakeRobot, SocketRobot
@@ -45,6 +48,30 @@ def socket_link(robot: FakeRobot, name: str) -> Iterator[Link]:
 def make_link(request):
     with ExitStack() as stack:
         yield lambda robot, name="puma560": stack.enter_context(request.param(robot, name))
+
+
+@pytest.mark.parametrize(
+    "program",
+    [
+        lambda: rccl.control("puma560"),
+        lambda: multi_rccl.rccl_control(multi_rccl.rccl_open("right", "puma560", ":5601")),
+        lambda: arcl.arcl_open(arcl.ARCL_ROBOT, "puma560", arcl.ARCL_AMI, "bridge"),
+    ],
+    ids=["RCCL", "Multi-RCCL", "ARCL"],
+)
+def test_a_program_that_was_started_for_some_arms_reaches_no_other_one_but_to_look(
+    monkeypatch: pytest.MonkeyPatch, program: Callable[[], object]
+) -> None:
+    monkeypatch.setenv("QROBOT_ONLY_BRIDGES", "127.0.0.1:5600,:5602")
+    monkeypatch.setenv("QROBOT_BRIDGE", ":5601")
+    with pytest.raises(ConfigError, match=r"the bridge at 127\.0\.0\.1:5601 is not for this program"):
+        copy_context().run(program)
+    for ours in (("127.0.0.1", 5600), ("127.0.0.1", 5602)):
+        check_reachable(ours)
+    with Bridge() as bridge:
+        link = TcpLink(Hello(ClientRole.OBSERVER, "", "eyes", 5_000), bridge.server.address)
+        link.open()
+        link.close()
 
 
 def test_what_is_told_goes_out_before_the_next_exchange_an_observers_stop_too() -> None:

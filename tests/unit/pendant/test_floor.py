@@ -40,6 +40,7 @@ class Floor(DriveFloor):
 
     def make_station(self, folder: Path, number: int) -> ArmStation:
         arm = load_deployment("emulator").arm[0]
+        arm = arm.model_copy(update={"bridge": arm.bridge.model_copy(update={"port": arm.bridge.port + number})})
         tell = lambda state: self.sampled(number, state)  # noqa: E731
         ask = lambda what: self.asked.append((number, what) if number else what)  # noqa: E731
         station = ArmStation(arm, ROBOT, (0.0, 0.0, 0.0), folder / "t.db", tell, self.changed)
@@ -172,7 +173,7 @@ READY = {"t_ns": 0, "mode": 5, "q": Q, "v": (0.0,) * 6, "tau": (0.0,) * 6, "q_se
 def test_a_program_moves_the_arm_when_the_page_that_drives_has_confirmed_it_and_the_arm_is_ready(
     floor: Floor, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(floor.station.programs, "start", lambda request: floor.asked.append(request.manner))
+    monkeypatch.setattr(floor.station.programs, "start", lambda request, _: floor.asked.append(request.manner))
     assert floor.says(0, **START) == []
     floor.says(0, do="take", arm=0)
     refusals = [
@@ -208,6 +209,25 @@ def test_a_program_moves_the_arm_when_the_page_that_drives_has_confirmed_it_and_
         floor.says(0, **calibrate | {"step": "record live"}, confirmed=True)
     assert floor.says(0, **calibrate | {"step": "record lockstep"}) == ["record lockstep"]
     assert floor.says(1, **calibrate, confirmed=True) == []
+
+
+def test_a_program_reaches_the_arms_that_its_page_drives_and_none_of_another_page(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    floor = Floor(tmp_path, arms=2)
+    for arm in floor.arms:
+        monkeypatch.setattr(arm.programs, "start", lambda _, bridges: floor.asked.append(bridges))
+        arm.watch._tell(State(1, RobotState(**READY)))  # type: ignore[arg-type]
+    own, other = (arm.bridge for arm in floor.arms)
+    assert own != other
+    floor.says(0, do="take", arm=0)
+    assert floor.says(0, **START) == [[own]]  # that nobody drives the other one is no leave to move it
+    floor.says(1, do="take", arm=1)
+    assert floor.says(0, **START) == [[own]]
+    assert floor.says(0, **START | {"arm": 1}) == []
+    floor.says(1, do="give", arm=1)
+    floor.says(0, do="take", arm=1)
+    assert floor.says(0, **START | {"arm": 1}) == [[other, own]]
 
 
 def test_a_program_that_moves_the_arm_is_ended_by_stop_of_any_page_and_paused_when_no_page_drives(

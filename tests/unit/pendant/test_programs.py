@@ -35,8 +35,10 @@ def folder(tmp_path: Path) -> Path:
 class FakeRun:
     """A run that never starts a process."""
 
-    def __init__(self, commands: Any, _changed: Callable[[], None], niceness: int, lines: Sequence[str]) -> None:
-        self.commands, self.niceness, self.lines = commands, niceness, lines
+    def __init__(
+        self, commands: Any, _changed: Callable[[], None], niceness: int, lines: Sequence[str], variables: Any
+    ) -> None:
+        self.commands, self.niceness, self.lines, self.variables = commands, niceness, lines, variables
         self.output, self.state, self.told = OutputTail(), "running", ""
         self.calls: list[str] = []
 
@@ -121,8 +123,13 @@ def test_each_language_is_run_by_its_command_and_what_moves_no_arm_gives_way(
     assert run.commands[1] == ["run", *PLACE, "--output", results, f"{results}/b"]
     assert run.niceness == 0
     assert runner.live
+    assert run.variables == {}
     runner.stop()
     assert run.calls == ["end"]
+    run.state = "ended"
+    runner.start(PageProgramStart(do="program start", arm=0, name="a.py", manner="live"), [":5600", ":5602"])
+    run = runner._run  # type: ignore[assignment]
+    assert run.variables == {"QROBOT_BRIDGE": ":5600", "QROBOT_ONLY_BRIDGES": ":5600,:5602"}
     run.state = "ended"
     run = started(runner, "v.v2", "lockstep", execute="other.one", speed=20)
     assert run.commands[0][:7] == ["val", "run", str(folder / "v.v2"), "--execute", "other.one", "--speed", "20"]
