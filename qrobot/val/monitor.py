@@ -57,10 +57,13 @@ class ValMonitor:
 
     Attributes:
         over: nothing more is to be obeyed.
+        sure: asks somebody whether that is to be done, before a program that could be gone on with is given up; None
+            where nobody can be asked: then it is told.
     """
 
     def __init__(self, interpreter: Interpreter) -> None:
         self.over = False
+        self.sure: Callable[[str], bool] | None = None
         self._run = interpreter
         self._machine = interpreter.machine
         self._commands: dict[str, Callable[[str], str]] = {
@@ -139,8 +142,10 @@ class ValMonitor:
         cycles, step = (*map(int, numbers), *[1, 1][len(numbers) :])
         if not cycles:
             raise ProgramError("cycles: expected 1 or more, or a negative number for a program without end", column=1)
-        before = self._run.unfinished
-        state = self._told(self._run.execute(name.lower(), cycles, step, single))
+        program, before = self._program(name).name, self._run.unfinished
+        if before and self.sure is not None and not self.sure(f"{before} will be given up: are you sure (Y/N)? "):
+            return "nothing has been done; PROCEED goes on"
+        state = self._told(self._run.execute(program, cycles, step, single))
         return f"{before} is given up; {state}" if before else state
 
     def _told(self, state: RunState) -> str:

@@ -22,11 +22,19 @@ def serve(monitor: ValMonitor, say: Callable[[str], None]) -> None:
 
 def _typed(monitor: ValMonitor) -> Iterator[str]:
     try:
-        from prompt_toolkit import PromptSession
+        from prompt_toolkit import PromptSession, prompt
         from prompt_toolkit.completion import WordCompleter
     except ModuleNotFoundError as error:
         raise ConfigError("the monitor needs prompt_toolkit: pip install 'qrobot[val]'") from error
     session: PromptSession[str] = PromptSession()
+
+    def sure(question: str) -> bool:
+        try:
+            return prompt(question).strip().upper() in ("Y", "YES")
+        except EOFError:
+            return False
+
+    monitor.sure = sure
     while True:
         try:
             yield session.prompt(PROMPT, completer=WordCompleter(monitor.names, ignore_case=True, WORD=True))

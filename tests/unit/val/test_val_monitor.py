@@ -52,6 +52,24 @@ def test_a_program_that_is_executed_in_place_of_a_paused_one_is_told_so() -> Non
     ]
 
 
+def test_somebody_at_a_terminal_is_asked_before_a_paused_program_is_given_up() -> None:
+    asked, answers = [], [False, True]
+
+    def sure(question: str) -> bool:
+        asked.append(question)
+        return answers.pop(0)
+
+    with interpreter((EXAMPLES / "07_pause_and_proceed.v2").read_text()) as (run, _):
+        monitor = ValMonitor(run)
+        monitor.sure = sure
+        assert monitor.obey("EX main") == "paused: PAUSE in program main"
+        assert monitor.obey("EX nobody") == "error: there is no program nobody"
+        assert monitor.obey("EX main") == "nothing has been done; PROCEED goes on"
+        assert monitor.obey("NEXT") == "paused: at step 6 of program main"  # where it was
+        assert monitor.obey("EX main") == "main, paused, is given up; paused: PAUSE in program main"
+    assert asked == ["main, paused, will be given up: are you sure (Y/N)? "] * 2
+
+
 def test_files_are_found_without_their_suffix(tmp_path: Path) -> None:
     assert session(main_program("x = 1"), f"STORE {tmp_path}/it", "EX main", f"LOAD {tmp_path}/it")[2].startswith(
         "1 prog"
