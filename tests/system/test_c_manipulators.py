@@ -13,6 +13,8 @@ import pytest
 from qrobot.arrays import Floats
 from qrobot.c_transport.program import run_served
 from qrobot.cli import toolchain
+from qrobot.cli.console import run_app
+from qrobot.cli.main import make_app
 from qrobot.multi_rccl.c.__main__ import other_release
 from qrobot.multi_rccl.c.dispatcher import ManipDispatcher
 from qrobot.multi_rccl.program import _program
@@ -126,6 +128,29 @@ def test_one_equation_leads_to_four_places_as_in_python_s09(tmp_path: Path, capf
     near = [re.findall(r"-?\d+\.\d", line) for line in in_c.splitlines()]
     for (x, y), (px, py) in zip(near, ((0, -60), (80, -60), (80, 60), (0, 60)), strict=True):
         assert np.hypot(float(x) - 480, float(y) - 60) == pytest.approx(np.hypot(px, py), abs=15)  # passed, and turned
+
+
+@pytest.mark.parametrize(
+    ("name", "arms", "twin_name"),
+    [("two_hands", ["--deployment", "two_arms"], None), ("four_places", [], "18_four_places.py")],
+    ids=["s08", "s09"],
+)
+def test_examples_in_c_do_through_servos_what_they_do_with_ideal_arms(
+    name: str, arms: list[str], twin_name: str | None, tmp_path: Path, capfd
+) -> None:
+    def through_servos(program: Path) -> str:
+        assert run_app(make_app("run"), ["run", "--lockstep", *arms, str(program)]) == 0
+        return capfd.readouterr().out
+
+    program = compiled(EXAMPLES / "c" / f"{name}.c", tmp_path)
+    status, _ = run(program)
+    ideal = capfd.readouterr().out
+    assert status == 0
+    assert [round(float(x)) for x in re.findall(r"-?\d+\.\d", ideal)] == pytest.approx(
+        [float(x) for x in re.findall(r"-?\d+\.\d", through_servos(program))], abs=2.0
+    )
+    if twin_name is not None:
+        assert through_servos(EXAMPLES / twin_name) == through_servos(program)
 
 
 EDITED = [

@@ -177,15 +177,18 @@ def test_one_arm_mirrors_another_in_c(make: Make, capfd: pytest.CaptureFixture[s
     assert 0.1 < behind < 25.0 * np.pi / 8.4 * 0.084  # no more than three samples at the fastest of the swing
 
 
-def test_a_mirror_in_c_begins_wherever_the_arms_stand(make: Make, capfd: pytest.CaptureFixture[str]) -> None:
+@pytest.mark.parametrize(("arguments", "late"), [((), 1.5), (("4",), 1.0)], ids=["28 ms", "4 ms"])
+def test_a_mirror_in_c_begins_wherever_the_arms_stand(
+    arguments: tuple[str, ...], late: float, make: Make, capfd: pytest.CaptureFixture[str]
+) -> None:
     start = np.radians([50.0, -70.0, 170.0, 20.0, 60.0, -40.0])
     rigs = {
         "left": LockstepRig(ROBOT, ServoSettings(rate_hz=1000.0), Emulator(ROBOT, start=start)),
         "right": LockstepRig(ROBOT, ServoSettings(rate_hz=1000.0)),
     }
     with rci.use({name: partial(link_factory, rig, 28_000) for name, rig in rigs.items()}):
-        assert run_executable(example(make, "rci_mirror")) == 0
-    assert float(re.findall(r"at most (\S+) degrees", capfd.readouterr().out)[0]) < 1.5
+        assert run_executable(example(make, "rci_mirror"), arguments) == 0
+    assert float(re.findall(r"at most (\S+) degrees", capfd.readouterr().out)[0]) < late
     left, right = (rig.rows() for rig in rigs.values())
     assert not left["fault"].any()
     assert not right["fault"].any()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 from collections.abc import Iterator
 from functools import partial
@@ -19,9 +20,9 @@ from qrobot.model.transform import inverse
 from qrobot.multi_rccl import wait_as, wait_for
 from qrobot.rccl.program import ending
 from qrobot.rci import LinkFactory, TcpLink
-from tests.support.c_programs import compiled_text, needs_compiler
-from tests.support.patience import wait_until
-from tests.support.processes import RunningArm, running_arms
+from tests.support.c_programs import EXAMPLES, compiled_text, needs_compiler
+from tests.support.patience import PATIENCE_S, wait_until
+from tests.support.processes import RunningArm, qrobot, running_arms
 from tests.support.shared_arm import settle
 from tests.support.two_hands import GRIP, HERE, TOOL, WORLD, approach
 
@@ -130,6 +131,25 @@ def test_when_one_arm_of_a_program_loses_its_power_the_other_stops_on_its_path(a
     assert not rows["v_ref"][-1].any()
     assert np.linalg.norm((inverse(robots[1].trans.value) @ GOAL)[:3, 3]) > 0.02  # m: it has not arrived
     assert not rows["fault"].any()
+
+
+def test_a_program_of_two_arms_that_is_run_as_the_guide_says_grasps_and_carries_s08(
+    arms: list[RunningArm], tmp_path: Path
+) -> None:
+    text = (EXAMPLES / "22_two_hands.py").read_text()
+    for name, arm in zip(WORLD, arms, strict=True):
+        text = text.replace(f'"{name}"', f'"{arm.name}"')
+    program = tmp_path / "two_hands.py"
+    program.write_text(text)
+    before = [arm.snapshot().tick for arm in arms]
+    printed, complaint = qrobot("run", "--deployment", arms[0].deployment, program).communicate(timeout=PATIENCE_S)
+    found = re.search(r"the hands came ([0-9.]+) mm closer", printed)
+    assert found is not None, complaint
+    assert 0.0 < float(found[1]) < 10.0  # mm: at 100 mm/s, and measured up to a sample period of 100 ms apart
+    for arm, tick in zip(arms, before, strict=True):
+        arm.wait_for(Mode.HOLDING)
+        rows = arm.telemetry()
+        assert not rows["fault"][rows["tick"] > tick].any()
 
 
 @needs_compiler
