@@ -11,19 +11,23 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Final, Generic, TypeVar
 
+import numpy as np
+
 from qrobot.arrays import Floats
-from qrobot.errors import LinkError, MotionError, QRobotError, ServoFault
+from qrobot.errors import LinkError, MotionError, QRobotError, ServoFault, TooFast
 from qrobot.motion import Termination
-from qrobot.rccl.arguments import small_move
 from qrobot.rccl.channel import Channel
-from qrobot.rccl.jog import SETTLING_MS, along_axes, measure, moved_by, position_of
+from qrobot.rccl.jog import SETTLING_MS, measure, position_of
 from qrobot.rccl.position import Position
+from qrobot.rccl.straight_jog import StraightWay
 from qrobot.rccl.trace import reason_of
 from qrobot.rccl.transforms import newtrans
 from qrobot.units import DEG_PER_RAD, MM_PER_M
 
 JOINT_RAD_S, AXIS_MM_S, AXIS_DEG_S = 0.1, 50.0, 10.0  # at a share of 1 [A]
-PIECE_S: Final = 0.4  # [A] of a straight path: so far ahead it is planned
+MOST_JOINT: Final = (
+    5.0  # [A] times the speed of a joint that is turned: what a joint may do while the tool goes straight
+)
 AHEAD: Final = 2  # pieces that wait
 MARGIN: Final = 0.01  # rad or m that a joint stays away from its ends
 WITHIN: Final = 0.95  # [A] of the speed allowed, for the rounding of a plan to sample periods
@@ -79,24 +83,22 @@ class HeldMotion(Generic[HeldT]):
 
         The axes are those of the base or of the last link, or the columns of `axes` (3, 3), in the base.
 
+        Near a singular pose the tool goes slower, still straight, so that no joint is faster than MOST_JOINT allows.
+
         Raises what `turn_joint` raises.
         """
-        speed = (AXIS_DEG_S if axis.startswith("r") else AXIS_MM_S) * share
-        piece = small_move(axis, (way * (step or speed * PIECE_S),))
-        if axes is not None:
-            piece, in_base = along_axes(piece, axes), True
+        speed = way * share * (AXIS_DEG_S if axis.startswith("r") else AXIS_MM_S)
         with self._brought_to_rest():
-            value = measure(self._arm, "HERE").value
-            self._go_straight(share)
+            start = measure(self._arm, "HERE").value
+            straight = StraightWay(self._arm.robot, start, np.array(self._arm.how.q_setpoint), self._most_speeds(share))
+            straight.choose(axis, speed, in_base, step, axes)
             pieces: list[Position] = []
-            while self._goes_on(pieces) and not (step and pieces):
-                value = moved_by(value, piece, in_base)
-                goal = newtrans("JOG")
-                goal.set(value)
-                pieces.append(position_of(goal))
-                self._arm.move(pieces[-1])
-                self._arm.waitas(lambda: self._arm.nbrequest < AHEAD or not self._goes_on(pieces))
-            self._until_done(pieces)
+            try:
+                while self._goes_on(pieces) and not straight.done:
+                    pieces.append(self._ask_piece(straight, share))
+                    self._arm.waitas(lambda: self._arm.nbrequest < AHEAD or not self._goes_on(pieces))
+            finally:  # also where it leads no further
+                self._until_done(pieces)
 
     def go_to(self, position: Position, share: float) -> None:
         """Go to a place by a joint motion. Raises what `turn_joint` raises."""
@@ -154,6 +156,27 @@ class HeldMotion(Generic[HeldT]):
         goal[joint] = end
         return float(start[joint] + self._arm.clear_share(start, goal) * (end - start[joint]))
 
+    def _most_speeds(self, share: float) -> Floats:
+        """Greatest speed of each joint at a share of the jog's, rad/s or m/s. Shape (n,)."""
+        allowed = self._arm.robot.limits.v_max * self._arm.how.speed_limit
+        most: Floats = np.minimum(MOST_JOINT * JOINT_RAD_S * share, WITHIN * allowed)
+        return most
+
+    def _ask_piece(self, straight: StraightWay, share: float) -> Position:
+        """Ask for the next piece of a straight way, as long as the arm can do it in its time. Raises MotionError."""
+        while True:
+            goal = newtrans("JOG")
+            goal.set(straight.propose())
+            position = position_of(goal)
+            self._go_straight(share * straight.share)
+            try:
+                self._arm.move(position)
+            except TooFast as error:  # what lies between is more than the joints can do
+                straight.shorten(error)
+                continue
+            straight.accept()
+            return position
+
     def _go_straight(self, share: float) -> None:
         self._arm.setmode("cartesian")
         self._arm.setvel(AXIS_MM_S * share, AXIS_DEG_S * share)
@@ -164,7 +187,8 @@ class HeldMotion(Generic[HeldT]):
 
     def _until_done(self, pieces: list[Position]) -> None:
         """Wait until all is let go, or the arm is at rest where it was to go: a stop before would change the place."""
-        self._arm.waitas(lambda: not self._goes_on(pieces) or self._arm.completed.count)
+        if pieces:
+            self._arm.waitas(lambda: not self._goes_on(pieces) or self._arm.completed.count)
 
     def _goes_on(self, pieces: list[Position]) -> bool:
         """The same is held, and no piece has ended before its goal. Raises MotionError with why one has."""
