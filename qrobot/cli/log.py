@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
 from cyclopts import App, Parameter
 from rich.table import Table
 
-from qrobot.cli.console import err, note, out, print_table, write_json
+from qrobot.cli.console import note, out, print_table, write_json
 from qrobot.cli.log_compare import compare
 from qrobot.cli.logs import first_parts, read_and_warn
 from qrobot.cli.option_types import (
@@ -234,17 +234,14 @@ def animate(
     width
         Of the film, in pixels; it is half as high.
     """
-    from rich.progress import Progress
-
+    from qrobot.cli.run_film import drawing_bar
     from qrobot.log.animation import Film, write_animation
 
     target = output or file.parent / f"{file.stem}.gif"
     checked_folder(target.parent)
     log = read_and_warn(file)
-    with Progress(console=err, disable=not err.is_terminal) as bars:
-        bar = bars.add_task("drawing", total=None)
-        film = Film(begin, end, speed, frames, width)
-        write_animation(log, target, film, lambda done, of: bars.update(bar, completed=done, total=of))
+    with drawing_bar() as progress:
+        write_animation(log, target, Film(begin, end, speed, frames, width), progress)
     out.print(str(target), markup=False, soft_wrap=True)
 
 

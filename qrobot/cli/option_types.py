@@ -17,7 +17,7 @@ from typing import Annotated, Any, Final
 
 from cyclopts import Parameter
 
-from qrobot.errors import ConfigError
+from qrobot.errors import ConfigError, LogError
 from qrobot.servo.calibration.state import FEWEST_INDEXES, MOST_INDEXES
 from qrobot.servo.settings import HIGHEST_RATE_HZ, LOWEST_RATE_HZ
 from qrobot.wire.vocabulary import LARGEST_OVERRIDE
@@ -88,6 +88,17 @@ def require_writable_figure(path: Path) -> None:
     require_writable_file(path)
 
 
+def require_writable_film(path: Path) -> None:
+    """Raise ValueError when no film can be written to `path`: by its suffix, or for want of ffmpeg."""
+    from qrobot.log.animation import check_film_file
+
+    try:
+        check_film_file(path)
+    except LogError as error:
+        raise ValueError(str(error)) from None
+    require_writable_file(path)
+
+
 def _tell(path: Path, attempt: Callable[[Path], None]) -> None:
     try:
         attempt(path)
@@ -121,6 +132,7 @@ def _each_path(require: Callable[[Path], None]) -> Callable[[Any, Path | None], 
 
 OutputFile = Annotated[Path, Parameter(validator=_each_path(require_writable_file))]
 OutputFigure = Annotated[Path, Parameter(validator=_each_path(require_writable_figure))]
+OutputFilm = Annotated[Path, Parameter(validator=_each_path(require_writable_film))]
 OutputFolder = Annotated[Path, Parameter(validator=_each_path(require_writable_folder))]
 OutputLog = Annotated[Path, Parameter(validator=_each_path(require_writable_log))]
 

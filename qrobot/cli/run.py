@@ -16,7 +16,7 @@ from cyclopts import Parameter
 
 from qrobot.cli.arms import DEFAULT_DEPLOYMENT, choose_arms, inside_fences, robot_of_arm
 from qrobot.cli.console import FAILURE, complain, err, note
-from qrobot.cli.option_types import OutputFolder, OutputLog, RateHz, checked_folder
+from qrobot.cli.option_types import OutputFilm, OutputFolder, OutputLog, RateHz, checked_folder
 from qrobot.cli.program_errors import own_place, own_traceback
 from qrobot.config.scene import SceneKind
 from qrobot.errors import ConfigError, QRobotError
@@ -44,6 +44,7 @@ def run(
     model: str | None = None,
     rate: RateHz | None = None,
     log: OutputLog | None = None,
+    record: OutputFilm | None = None,
     traceback: bool = False,
 ) -> int:
     """Run a program that moves an arm through `qrobot.rccl` or `qrobot.arcl`, or what `qrobot cc` made of one in C.
@@ -61,6 +62,7 @@ def run(
       qrobot run --offline examples/02_four_corners.py
       qrobot run --output out/box examples/12_box.py
       qrobot run --offline ./four_corners
+      qrobot run --lockstep --record box.gif examples/12_box.py
 
     Parameters
     ----------
@@ -93,6 +95,10 @@ def run(
         With --lockstep: cycles per second of the servo, overriding the file: 1000, 2000, 4000, ...
     log
         With --lockstep: log of every cycle to write, a file (.mcap) or a folder for one; a running arm has its own.
+    record
+        Film of the run to make when it has ended, `.gif`, or `.mp4` where ffmpeg is installed; no screen is needed. In
+        lock-step that of its log, as `qrobot log animate` makes it; else the arm as the program heard of it. Of one
+        arm: choose it with --arm. More than four minutes are shown faster.
     traceback
         Show all frames of an exception of the program's, not those in files of yours alone.
     """
@@ -102,6 +108,8 @@ def run(
     from qrobot.cli.arm_links import links_of
 
     arms = choose_arms(deployment, arm)
+    if record is not None and len(arms) > 1:
+        raise ConfigError(f"--record {record}: a film shows one arm; choose it with --arm")
     start = partial(_start, program, arguments, arms[0].robot)
     folder = output
     if offline and folder is None:
@@ -109,14 +117,16 @@ def run(
 
     def perform() -> int:
         if offline:
-            return run_virtual(links_of(arms, offline_links), start, folder, ideal=True)
+            with _filmed(arms, program, record) as heard:
+                return run_virtual(links_of(arms, lambda arm: heard(offline_links(arm))), start, folder, ideal=True)
         if not lockstep:
             _tell_scene(program)
-            return run_live(arms, start, folder)
+            with _filmed(arms, program, record) as heard:
+                return run_live(arms, start, folder, heard)
         from qrobot.cli.run_lockstep import LockstepRun
 
         return LockstepRun(arms, program, plant, scene, law, model, rate).perform(
-            partial(run_virtual, start=start, output=folder), deployment, log
+            partial(run_virtual, start=start, output=folder), deployment, log, record
         )
 
     def perform_as_chosen() -> int:
@@ -138,6 +148,26 @@ def machine_of(arms: Sequence[DeployedArm], ami: str, folder: Path | None) -> Ab
 def _fences(arms: Sequence[DeployedArm]) -> AbstractContextManager[None]:
     """Block in which motions keep off the fences of a single arm; those of several are their servos' alone."""
     return inside_fences(arms[0]) if len(arms) == 1 else nullcontext()
+
+
+@contextmanager
+def _filmed(
+    arms: Sequence[DeployedArm], program: Path, record: Path | None
+) -> Iterator[Callable[[LinkFactory], LinkFactory]]:
+    """Block whose links are listened to for a film, which is made when it has ended, well or not; None for none."""
+    if record is None:
+        yield lambda links: links
+        return
+    from qrobot.cli.run_film import Heard, film_heard
+
+    heard = Heard()
+    try:
+        yield heard.links
+    except Exception:
+        if heard.any:
+            film_heard(heard, program.name, arms[0], record)
+        raise
+    film_heard(heard, program.name, arms[0], record)
 
 
 def _check(program: Path, emulated: Sequence[str], lockstep: bool, offline: bool) -> None:
@@ -191,10 +221,15 @@ def run_virtual(links: ArmLinks, start: Callable[[], int], output: Path | None =
             rci.rci_close()
 
 
-def run_live(arms: Sequence[DeployedArm], start: Callable[[], int], output: Path | None = None) -> int:
-    """`run_through` the bridge of an arm, or those of several, which the program names."""
+def run_live(
+    arms: Sequence[DeployedArm],
+    start: Callable[[], int],
+    output: Path | None = None,
+    heard: Callable[[LinkFactory], LinkFactory] = lambda links: links,
+) -> int:
+    """`run_through` the bridge of an arm, or those of several, which the program names; `heard` may listen to one."""
     if len(arms) == 1:
-        return run_through(bridge_links(arms[0]), start, output)
+        return run_through(heard(bridge_links(arms[0])), start, output)
     from qrobot import rci
     from qrobot.cli.arm_links import links_of, the_only
     from qrobot.realtime.startup_order import await_turn

@@ -6,12 +6,14 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Literal
 
 from qrobot.cli.arm_links import ArmLinks, links_of
 from qrobot.cli.arms import check_law, controlled_robot, robot_of_arm, servo_settings, tool_of_arm
 from qrobot.cli.console import note
 from qrobot.cli.program_settings import settings_of
+from qrobot.cli.run_film import film_log
 from qrobot.config import deployment_path, robot_path
 from qrobot.config.deployment import DeployedArm
 from qrobot.config.scene import SceneKind
@@ -42,13 +44,27 @@ class LockstepRun:
     model: str | None = None
     rate_hz: float | None = None
 
-    def perform(self, run: Callable[[ArmLinks], int], deployment: str, log: Path | None) -> int:
-        """Let `run` do it; its status. The log of each arm is written however it ends.
+    def perform(
+        self, run: Callable[[ArmLinks], int], deployment: str, log: Path | None, record: Path | None = None
+    ) -> int:
+        """Let `run` do it; its status. The log of each arm, and the film `record`, are written however it ends.
 
         Raises:
             ConfigError: law, model, rate or the program's own settings cannot be, or several logs are to be one file.
-            LogError: no log can be written.
+            LogError: no log, or no film, can be written.
         """
+        written: list[Path] = []
+        with TemporaryDirectory(prefix="qrobot-run-") as folder:
+            passing = None if record is None else Path(folder) / "run.mcap"  # a log for the film alone
+            try:
+                return self._perform(run, deployment, log or passing, written)
+            finally:
+                for path in written if log is not None else ():
+                    note(f"log {path}: look at it with `qrobot log info {path}`")
+                if record is not None and written:
+                    film_log(written[0], record)
+
+    def _perform(self, run: Callable[[ArmLinks], int], deployment: str, log: Path | None, written: list[Path]) -> int:
         if log is not None and log.suffix == ".mcap" and len(self.arms) > 1:
             raise ConfigError(f"--log {log}: each of {len(self.arms)} arms has a log of its own; give a folder")
         with compiled_beside(self.arms[0].robot) as compile_loop:
@@ -58,7 +74,7 @@ class LockstepRun:
         links = {each.arm.name: each.link for each in emulated}
         with heed_interrupts(), ExitStack() as logs:
             for each in emulated:
-                logs.enter_context(each.logged(deployment, log))
+                logs.enter_context(each.logged(deployment, log, written))
             return run(links_of(self.arms, lambda arm: links[arm.name]))
 
 
@@ -96,14 +112,13 @@ class LockstepArm:
         return link_factory(self.rig, round(self.arm.bridge.period_ms * US_PER_MS), hello)
 
     @contextmanager
-    def logged(self, deployment: str, log: Path | None) -> Iterator[None]:
-        """Block behind which the log is written, if there is to be one."""
+    def logged(self, deployment: str, log: Path | None, written: list[Path]) -> Iterator[None]:
+        """Block behind which the log is written, if there is to be one; its file is added to `written`."""
         try:
             yield
         finally:
             if log is not None:
-                path = self._write(deployment, log)
-                note(f"log {path}: look at it with `qrobot log info {path}`")
+                written.append(self._write(deployment, log))
 
     def _write(self, deployment: str, log: Path) -> Path:
         arm, rig = self.arm, self.rig

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final, Protocol
 
@@ -57,6 +57,12 @@ class Film:
     speed: float = 1.0
     frames_hz: int = 12
     width: int = 720
+
+    @classmethod
+    def of_all(cls, length_s: float) -> Film:
+        """A film of `length_s` s at their speed, or so fast that it is no longer than a film may be."""
+        film = cls()
+        return replace(film, speed=max(1.0, length_s * film.frames_hz / (MOST_FRAMES - 1)))
 
     def rows(self, time_s: Floats, what: str) -> NDArray[np.intp]:
         """The row of each picture. Raises LogError when there is none, or when they are too many.
@@ -126,6 +132,7 @@ def write_film(
     with mpl.rc_context(STYLE):
         stage = make_stage()
         try:
+            path.parent.mkdir(parents=True, exist_ok=True)
             with writer.saving(stage.figure, str(path), film.width / stage.figure.get_figwidth()):
                 for number, row in enumerate(rows):
                     stage.show(int(row))
@@ -135,13 +142,18 @@ def write_film(
             raise LogError(f"cannot write {path}: {error.strerror or error}") from None
 
 
-def _writer(path: Path, film: Film) -> AbstractMovieWriter:
+def check_film_file(path: Path) -> None:
+    """Raise LogError when no film can have that name: another suffix, or no ffmpeg for an `.mp4`."""
     if path.suffix.lower() not in SUFFIXES:
         raise LogError(f"cannot write {path}: a film ends in {' or '.join(SUFFIXES)}")
+    if path.suffix.lower() != ".gif" and shutil.which("ffmpeg") is None:
+        raise LogError("an .mp4 needs ffmpeg (apt install ffmpeg); a .gif needs no other program")
+
+
+def _writer(path: Path, film: Film) -> AbstractMovieWriter:
+    check_film_file(path)
     if path.suffix.lower() == ".gif":
         return PillowWriter(fps=film.frames_hz)
-    if shutil.which("ffmpeg") is None:
-        raise LogError("an .mp4 needs ffmpeg (apt install ffmpeg); a .gif needs no other program")
     return FFMpegWriter(fps=film.frames_hz, codec="libx264", extra_args=["-pix_fmt", "yuv420p"])
 
 

@@ -7,18 +7,31 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from qrobot.cli.console import run_app
 from qrobot.cli.main import make_app
+from qrobot.cli.motion_stage import MotionStage
+from qrobot.cli.run_film import Heard
 from qrobot.config import load_robot
 from qrobot.exchange.robot_document import robot_document, robot_text
+from qrobot.log.arm_drawing import SolidArm
 from qrobot.log.read import read_log
+from qrobot.rccl.connect import open_channel
+from qrobot.rccl.offline import OfflineLink
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 SHORT = """
 from qrobot import rccl
 with rccl.control("puma560", period_ms=28) as arm:
     arm.move(arm.pose("park"))
+    arm.waitfor(arm.completed)
+"""
+TURN = """
+from qrobot import rccl
+with rccl.control("puma560", period_ms=28) as arm:
+    waist, *others = arm.joints
+    arm.move(arm.jposition("turned", [waist + 30.0, *others]))
     arm.waitfor(arm.completed)
 """
 ARM_OF_ITS_OWN = """
@@ -75,6 +88,67 @@ def test_the_log_of_a_program_that_fails_is_kept(here: Path) -> None:
     assert run("--lockstep", "--log", str(here), "fails.py") == 1
     (path,) = here.glob("puma560-*.mcap")
     assert read_log(path).rows.size > 100
+
+
+@pytest.mark.parametrize("manner", ["--lockstep", "--offline"])
+def test_a_film_of_a_run_ends_with_the_arm_where_the_program_has_led_it(
+    manner: str, here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """In lock-step from a log that nobody keeps; elsewhere the arm as the program heard of it."""
+    (here / "turn.py").write_text(TURN)
+    assert run(manner, "--record", "films/turn.gif", "turn.py") == 0
+    assert "the film is films/turn.gif" in capsys.readouterr().err.replace("\n", "")
+    with Image.open(here / "films" / "turn.gif") as film:
+        first = np.asarray(film.convert("L"), dtype=float)
+        assert film.n_frames > 8
+        film.seek(film.n_frames - 1)
+        assert np.abs(np.asarray(film.convert("L"), dtype=float) - first).max() > 50.0  # the arm is elsewhere
+    assert not list(here.glob("**/*.mcap"))
+
+
+def test_what_was_heard_of_an_arm_is_where_it_was_and_was_wanted() -> None:
+    heard, robot = Heard(), load_robot("puma560")
+    with open_channel(heard.links(OfflineLink), "puma560", 28.0) as arm:
+        goal = arm.joints
+        goal[0] += 10.0
+        arm.move(arm.jposition("turned", goal.tolist()))
+    times, q, setpoints = heard.table(robot.n)
+    assert np.diff(times) == pytest.approx(0.028)
+    assert q[-1] - q[0] == pytest.approx(np.radians([10.0, 0, 0, 0, 0, 0]), abs=1e-9)
+    assert np.abs(setpoints - q).max() < 0.028 * robot.limits.v_max[0]
+    stage = MotionStage("turn", robot, times, q, np.array([0, len(q) - 1]), setpoints)
+    stage.show(len(q) - 1)
+    assert np.allclose(stage.way[0], SolidArm(robot).tip(q[-1]))
+
+
+def test_the_film_of_a_program_that_fails_is_made_and_of_one_that_takes_no_arm_it_is_told(
+    here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (here / "fails.py").write_text(SHORT + "    raise RuntimeError('mine')\n")
+    assert run("--offline", "--record", "fails.gif", "fails.py") == 1
+    assert "RuntimeError: mine" in capsys.readouterr().err
+    assert (here / "fails.gif").stat().st_size > 0
+    (here / "nothing.py").write_text("print('none')\n")
+    assert run("--offline", "--record", "nothing.gif", "nothing.py") == 1
+    assert "has heard of no arm" in capsys.readouterr().err.replace("\n", " ")
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (("--record", "x.avi", "short.py"), "a film ends in .gif or .mp4"),
+        (("--record", "x.mp4", "short.py"), "needs ffmpeg"),
+        (("--record", "x.gif", "--deployment", "two_arms", "short.py"), "choose it with --arm"),
+    ],
+)
+def test_a_film_that_cannot_be_made_is_refused_before_anything_runs(
+    words: tuple[str, ...], told: str, here: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("qrobot.log.animation.shutil.which", lambda _: None)
+    (here / "short.py").write_text("open('ran', 'w')\n")
+    assert run("--lockstep", *words) in (1, 2)
+    assert told in capsys.readouterr().err.replace("\n", " ")
+    assert [path.name for path in here.iterdir()] == ["short.py"]
 
 
 @pytest.mark.parametrize(
