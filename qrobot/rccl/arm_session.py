@@ -31,6 +31,7 @@ class ArmSession:
         name: of the arm, for people.
         link: open.
         task: of the arm.
+        make_driver: maker of its drivers; by default they suit the time of the link.
 
     Attributes:
         released: the arm was let go of.
@@ -38,10 +39,17 @@ class ArmSession:
 
     _holds: ClassVar[WeakKeyDictionary[ArmSession, None]] = WeakKeyDictionary()  # in the order they were taken
 
-    def __init__(self, name: str, link: Link, task: TrajectoryTask) -> None:
+    def __init__(
+        self,
+        name: str,
+        link: Link,
+        task: TrajectoryTask,
+        make_driver: Callable[[], SampleDriver] | None = None,
+    ) -> None:
         self._name = name
         self._link = link
         self._task = task
+        self._make_driver = make_driver
         self._driver = self._new_driver(None)
         self.released = False
         self._error_told = False
@@ -60,6 +68,8 @@ class ArmSession:
 
     def _new_driver(self, before: SampleDriver | None) -> SampleDriver:
         task = self._task
+        if self._make_driver is not None:
+            return self._make_driver()
         lock = None if task.group is None else task.group.sampled
         driver = driver_for(self._link, task, "rccl-trajectory", self._tell_names, lock, before)
         task.timing.share = driver.share
@@ -163,6 +173,7 @@ class ArmSession:
                 self._leave(power_off)
         finally:
             self._driver.end()
+            self._link.close()
             if self._task.group is not None:
                 self._task.group.leave(self._task)
         if failures := self._task.motions.failures:

@@ -15,13 +15,13 @@ import numpy as np
 from qrobot.arrays import Floats
 from qrobot.config import Robot
 from qrobot.errors import ConfigError, LinkError, MotionError, QRobotError
-from qrobot.motion import Exerted, PlannedPath, Trsf
+from qrobot.motion import Equation, Exerted, PlannedPath, TransformKind, Trsf
 from qrobot.motion.kept import WayBackLimit
 from qrobot.rccl.arguments import numbers, require_function, sample_period_us
 from qrobot.rccl.arm_session import ArmSession, ended_well
 from qrobot.rccl.event import Event
 from qrobot.rccl.hand_and_outputs import HandAndOutputs
-from qrobot.rccl.parameters import MotionParameters
+from qrobot.rccl.parameters import MotionParameters, MoveOrder
 from qrobot.rccl.position import Position, require_position, there
 from qrobot.rccl.setpoints import Setpoints
 from qrobot.rccl.task import TrajectoryTask
@@ -43,12 +43,21 @@ class Channel(MotionParameters, HandAndOutputs):
         there: the position that is always the arm's own; a move to it is an absolute stop.
     """
 
-    def __init__(self, robot: Robot, link: Link, task: TrajectoryTask, traces: list[Trace] | None = None) -> None:
+    def __init__(
+        self,
+        robot: Robot,
+        link: Link,
+        task: TrajectoryTask,
+        traces: list[Trace] | None = None,
+        session: ArmSession | None = None,
+        calls_functions: bool = True,
+    ) -> None:
         super().__init__()
         self.robot = robot
         self.completed = task.completed
         self._task = task
-        self._session = ArmSession(robot.name, link, task)
+        self._session = session or ArmSession(robot.name, link, task)
+        self._calls_functions = calls_functions
         self._traces = traces
         self._alone = link.virtual_time  # nobody but this program lets time pass
         self._origin_ns = 0
@@ -165,6 +174,7 @@ class Channel(MotionParameters, HandAndOutputs):
         """
         if function is not None:
             require_function("each_sample", function)
+            self._check_calls("each_sample")
         with self._session.task():
             self._task.each_sample = function
 
@@ -244,8 +254,26 @@ class Channel(MotionParameters, HandAndOutputs):
             JointLimit, Unreachable, Singular: the position, or a straight way there, is not for this arm.
             MotionError: the arm cannot do it in that time, or too many motions wait (see `nbrequest`).
         """
+        order = self._order(require_position("move", position))
+        self._check_functions(order)
         with self._session.task():
-            self._task.push(self._order(require_position("move", position)))
+            self._task.push(order)
+
+    def _check_functions(self, order: MoveOrder) -> None:
+        """Raise MotionError for a motion with functions, where nobody would call them."""
+        if order.request.monitor is not None:
+            self._check_calls(f"move to {order.position.name}, with `evalfn`")
+        if isinstance(order.position.target, Equation):
+            for term in order.position.target.terms:
+                if term.kind is TransformKind.FUNCTION:
+                    self._check_calls(f"move to {order.position.name}, with the function of transform {term.name}")
+
+    def _check_calls(self, what: str) -> None:
+        if not self._calls_functions:
+            raise MotionError(
+                f"{what}: the generator has a process of its own, which calls no function of the program at a sample; "
+                'let transforms be variable and change their values, or take control with processor="host"'
+            )
 
     def play(self, setpoints: Setpoints, label: str = "setpoints") -> None:
         """Send setpoints as they are, one each sample, and return at once; `completed` when the last one is out.

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from qrobot.config import Robot, load_robot
+from qrobot.errors import ConfigError
 from qrobot.fences.in_force import fences_for
 from qrobot.model.arm import Arm
 from qrobot.motion import Blend, kinematics_of, motion_limits, warm_up, warm_up_cartesian, warm_up_force
@@ -12,8 +13,10 @@ from qrobot.rccl.arguments import sample_period_us
 from qrobot.rccl.channel import Channel
 from qrobot.rccl.task import TrajectoryTask
 from qrobot.rccl.trace import Trace, add_trace
-from qrobot.rci import LinkFactory, hello_for
+from qrobot.rci import Link, LinkFactory, TcpLink, hello_for
+from qrobot.rci.descriptor import HOST
 from qrobot.rci.link import check_welcome
+from qrobot.rci.processor_names import cpu_of
 from qrobot.realtime.interpreter import prepare_interpreter
 
 
@@ -25,16 +28,21 @@ def open_channel(
     blend: Blend = Blend.QUARTIC,
     traces: list[Trace] | None = None,
     prepare: Callable[[TrajectoryTask], object] = lambda _task: None,
+    processor: str = HOST,
 ) -> Channel:
     """Connect to `robot` and take control; see `control`.
 
     A trace of what is done with it is added to `traces`; `prepare` is called with its task before that runs.
     """
+    if apart := processor != HOST:
+        cpu_of(processor)  # which refuses one that is not there
     period_us = 0 if period_ms is None else sample_period_us("control", period_ms)
     arm = load_robot(robot) if isinstance(robot, str) else robot
-    fences = fences_for(arm.name)
-    _warm_up(arm, blend)
     link = factory(hello_for(arm.name, period_us))
+    if apart and not link.virtual_time:
+        return _open_apart(link, arm, clear_fault, blend, processor)
+    fences = fences_for(arm.name)
+    compile_all(arm, blend)
     if not link.virtual_time:
         prepare_interpreter()
     try:
@@ -43,10 +51,18 @@ def open_channel(
         trace = add_trace(traces, arm, welcome.period_us)
         task = TrajectoryTask(arm, welcome.period_us * 1e-6, clear_fault, blend, trace, fences)
         prepare(task)
-        return Channel(arm, link, task, traces).start()
+        return Channel(arm, link, task, traces, calls_functions=not apart).start()
     except BaseException as error:
         link.close(str(error))
         raise
+
+
+def _open_apart(link: Link, robot: Robot, clear_fault: bool, blend: Blend, processor: str) -> Channel:
+    from qrobot.rccl.process.opening import open_apart
+
+    if not isinstance(link, TcpLink):
+        raise ConfigError(f"processor {processor!r}: another process reaches the robot by its bridge alone")
+    return open_apart(link, robot, clear_fault, blend, processor)
 
 
 def compile_joint_motion(robot: str) -> None:
@@ -56,11 +72,11 @@ def compile_joint_motion(robot: str) -> None:
 
 def compile_motion(robot: str) -> None:
     """Compile what a program moves `robot` by, ahead of it. Raises ConfigError when there is no such robot."""
-    _warm_up(load_robot(robot), Blend.QUARTIC)
+    compile_all(load_robot(robot), Blend.QUARTIC)
 
 
-def _warm_up(robot: Robot, blend: Blend) -> None:
-    """No sample may wait for the compiler."""
+def compile_all(robot: Robot, blend: Blend) -> None:
+    """Compile what moves `robot` by this blend: no sample may wait for the compiler."""
     _warm_up_joints(robot, blend)
     if (kinematics := kinematics_of(Arm(robot))) is not None:
         warm_up_cartesian(motion_limits(robot), kinematics, robot.poses["park"], blend)

@@ -78,9 +78,13 @@ class OpenMotions:
     def update_progress(self, output: Output) -> None:
         """Tell positions how much of their motions is done: two of them in the first half of a transition."""
         if output.request is not None:
-            self._open[output.request].position.scal = output.scal
+            self.show_progress(output.request, output.scal)
         if output.passing is not None:  # the older one; it counts when both go to one position
-            self._open[output.passing].position.scal = output.passing_scal
+            self.show_progress(output.passing, output.passing_scal)
+
+    def show_progress(self, request: MoveRequest, scal: float) -> None:
+        """Tell the position of a motion that `scal` of it is done, 0 to 1."""
+        self._open[request].position.scal = scal
 
     def _begin(self, request: MoveRequest) -> None:
         self._begun.add(request)

@@ -20,6 +20,7 @@ from qrobot.rccl.teach_transform import teach as teach_arm
 from qrobot.rccl.trace import Trace
 from qrobot.rccl.transforms import Transform
 from qrobot.rci import Link, LinkFactory, TcpLink, bridge_address
+from qrobot.rci.descriptor import HOST
 from qrobot.wire import Hello
 
 VARIABLES: Final[dict[str, Callable[[Channel], Any]]] = {
@@ -82,6 +83,7 @@ def control(
     period_ms: float | None = None,
     clear_fault: bool = False,
     blend: Blend = Blend.QUARTIC,
+    processor: str = HOST,
 ) -> Channel:
     """Take control of a robot: connect, ask for power, stream setpoints from where it stands.
 
@@ -90,16 +92,21 @@ def control(
         period_ms: sample period, 1 to 100 ms; default the bridge's (28 ms).
         clear_fault: clear a latched fault first. Power-up after a fault never happens unasked.
         blend: polynomial of the transitions.
+        processor: where the trajectory generator runs: "host", a thread of this program; "aux", a process of its own
+            that shares the program's transforms; "cpu0", "cpu1" ..., the same, kept on that processor of this machine.
+            In a process it answers the robot whatever holds this program's interpreter, and calls no function of the
+            program: `each_sample`, `evalfn` and transforms with functions are refused. On virtual time it is always a
+            part of the program, and they are refused all the same.
 
     Raises:
-        ConfigError: no such robot.
-        LinkBusy: somebody else commands it.
+        ConfigError: no such robot, or no such processor.
+        LinkBusy: somebody else commands it, or has that processor.
         LinkError: no bridge, another robot, or no answer (`LinkTimeout`, `LinkLost`).
         ServoFault: the servo is in a fault, or power does not come.
         MotionError: the arm is not calibrated, or no such period.
     """
     global _arm  # noqa: PLW0603 (the papers' calls name no arm)
-    _arm = open_channel(_factory.get(), robot, period_ms, clear_fault, blend, _traces.get())
+    _arm = open_channel(_factory.get(), robot, period_ms, clear_fault, blend, _traces.get(), processor=processor)
     return _arm
 
 

@@ -51,7 +51,9 @@ class Column(CoordinateFields):
         return float(self._trsf.value[row, self._index]) * self._scale
 
     def __setitem__(self, row: int, number: float) -> None:
-        self._trsf.value[row, self._index] = number / self._scale
+        value = self._trsf.value.copy()
+        value[row, self._index] = number / self._scale
+        self._trsf.value = value
 
 
 class Transform(Trsf):

@@ -87,25 +87,44 @@ class TcpLink:
         hello: how to greet; without authentication of its own it takes the token of that bridge, see `bridge_token`.
         address: host and port of the bridge.
         connector: opens the socket; tests bring their own.
+        answer_s: how long the bridge may be silent, None for the usual time.
+
+    Attributes:
+        address: as given.
     """
 
     virtual_time = False
 
     def __init__(
-        self, hello: Hello, address: SocketAddress, connector: Callable[[SocketAddress], socket.socket] = connect
+        self,
+        hello: Hello,
+        address: SocketAddress,
+        connector: Callable[[SocketAddress], socket.socket] = connect,
+        answer_s: float | None = None,
     ) -> None:
         self._hello = hello
+        self.address = address
+        self._answer_s = answer_s
         self._client = self._new_client(address)
-        self._address = address
         self._connector = connector
         self._socket: socket.socket | None = None
+
+    @property
+    def answer_s(self) -> float:
+        """Time that the bridge may be silent, s."""
+        return ANSWER_TIMEOUT_S if self._answer_s is None else self._answer_s
+
+    @property
+    def hello(self) -> Hello:
+        """Greeting, as it was given or sent last."""
+        return self._hello
 
     def open(self) -> Welcome:
         """Connect and greet; see `Link.open`. Raises ConfigError: that arm is not for this program."""
         if self._hello.role is ClientRole.COMMANDER:
-            check_reachable(self._address)
-        self._socket = self._connector(self._address)
-        self._socket.settimeout(ANSWER_TIMEOUT_S)
+            check_reachable(self.address)
+        self._socket = self._connector(self.address)
+        self._socket.settimeout(self.answer_s)
         self._send(self._client.greet())
         return self._await(self._client.pop_welcome)
 
@@ -140,7 +159,7 @@ class TcpLink:
         """See `Link.reopen`."""
         self.close(NEW_PERIOD)
         self._hello = replace(self._hello, period_us=period_us)
-        self._client = self._new_client(self._address)
+        self._client = self._new_client(self.address)
         return self.open()
 
     def close(self, reason: str = "") -> None:

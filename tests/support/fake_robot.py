@@ -212,3 +212,55 @@ class SocketRobot:
                 self._over.set()
             near.sendall(self.robot.hear(data))
         near.sendall(self.robot.tell())
+
+
+class TcpRobot:
+    """Serves a `FakeRobot` at a port of this machine, one client after another, in a thread: each STATE when the one
+    before was answered, and `period_s` later.
+
+    Attributes:
+        address: host and port.
+    """
+
+    def __init__(self, robot: FakeRobot, period_s: float = 0.0) -> None:
+        self.robot = robot
+        self._listening = socket.create_server(("127.0.0.1", 0))
+        self.address = self._listening.getsockname()
+        self._period_s = period_s
+        self._over = threading.Event()
+        self._near: socket.socket | None = None
+        self._thread = threading.Thread(target=self._serve)
+
+    def __enter__(self) -> TcpRobot:
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._over.set()
+        with suppress(OSError):
+            self._listening.shutdown(socket.SHUT_RDWR)
+        self.hang_up()
+        self._thread.join()
+        self._listening.close()
+
+    def hang_up(self) -> None:
+        """Break the connection without a word."""
+        with suppress(OSError, AttributeError):
+            self._near.shutdown(socket.SHUT_RDWR)
+
+    def _serve(self) -> None:
+        with suppress(OSError):
+            while not self._over.is_set():
+                near, _ = self._listening.accept()
+                with near:
+                    self._near = near
+                    near.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+                    self._talk(near)
+                self.robot.forget_client()
+
+    def _talk(self, near: socket.socket) -> None:
+        with suppress(OSError):
+            while data := near.recv(1 << 16):
+                near.sendall(self.robot.hear(data))
+                self._over.wait(self._period_s)
+                near.sendall(self.robot.tell())

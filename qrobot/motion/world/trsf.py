@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from enum import Enum
-from typing import Any, Final
+from typing import Any, Final, Protocol
 
 import numpy as np
 
@@ -56,6 +56,16 @@ class TransformKind(Enum):
     UNKNOWN = "unknown"  # what an equation is solved for
 
 
+class ValuePlace(Protocol):
+    """A place that another process sees too, for the value of a transform."""
+
+    def get(self) -> Floats:
+        """The newest value, not to be written to. Shape (4, 4)."""
+
+    def set(self, value: Floats) -> None:
+        """Give it another value in one step. Shape (4, 4)."""
+
+
 class Trsf:
     """A term: the pose of one frame in another, or a motion of the first.
 
@@ -64,9 +74,6 @@ class Trsf:
         kind: when its value counts.
         value: pose, shape (4, 4), m; default identity. Copied.
         function: of a functional transform; called with the transform, whose `value` it changes.
-
-    Attributes:
-        value: the newest value. Shape (4, 4).
 
     Raises:
         MotionError: the value is no rigid transform, or a function is missing or too many.
@@ -83,11 +90,34 @@ class Trsf:
             raise MotionError(f"transform {name}: a function belongs to a functional transform, and only there")
         self.name = name
         self.kind = kind
+        self._place: ValuePlace | None = None
         self.value = np.eye(4)
         self._function = function
         self._age: int | None = None  # sample of the latest evaluation
         if value is not None:
             self.set(value)
+
+    @property
+    def value(self) -> Floats:
+        """The newest value. Shape (4, 4)."""
+        return self._value if self._place is None else self._place.get()
+
+    @value.setter
+    def value(self, value: Floats) -> None:
+        if self._place is None:
+            self._value = value
+        else:
+            self._place.set(value)
+
+    def share(self, place: ValuePlace, ours: bool = True) -> None:
+        """Let the value lie where another process sees it too: this one's, if it is `ours`, else what is there."""
+        if ours:
+            place.set(self.value)
+        self._place = place
+
+    def part(self) -> None:
+        """Keep the value as it is now, whatever becomes of the place where it lay."""
+        self._value, self._place = self.value.copy(), None
 
     def set(self, value: Floats) -> None:
         """Give it another value, shape (4, 4), in one step. Raises MotionError when that is no rigid transform."""
