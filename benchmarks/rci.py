@@ -34,6 +34,7 @@ TASKS: Final = (1, 3, 5)
 QUANTILES: Final = {"p50": 0.5, "p99": LAST}
 ANSWER: Final = Goal(100.0)  # us, beside an idle machine
 TWIN: Final = "C loop"
+TURNS: Final = 3.0  # of a wake-up loop that each case takes: 6 s of a full run, 68 cases in seven minutes
 NOTES: Final = 3  # words of a compiled task in front of its notes
 CLOSE_NS: Final = 5000  # to which the instant of a tick is found
 NS_PER_S: Final = 1_000_000_000
@@ -45,7 +46,7 @@ def rows(effort: Effort) -> Iterator[Row]:
     with tempfile.TemporaryDirectory() as folder:
         program = None if compiler() is None else made("rci_wakeup", Path(folder))
         for rate in RATES_HZ:
-            yield from rate_rows(program, rate, max(20, round(rate * 5.0 * effort.wake_up_s)))
+            yield from rate_rows(program, rate, max(20, round(rate * TURNS * effort.wake_up_s)))
         if program is not None:
             for what in ("messages", "memory"):
                 late, _ = measured_in_c(program, what, 1000, 1, max(100, round(5000 * effort.wake_up_s)))

@@ -24,6 +24,15 @@ def startup(_: TaskDescriptor) -> None:
     rci.rci_get_memory("counts").view(np.int64)[0] = os.getpid()
 
 
+def tell_schedule(_: TaskDescriptor) -> None:
+    """Tell policy, priority and processors of the thread in which tasks run, in words 1 to 3; word 0 comes last."""
+    words = rci.rci_get_memory("counts").view(np.int64)
+    words[1] = os.sched_getscheduler(0) & ~os.SCHED_RESET_ON_FORK
+    words[2] = os.sched_getparam(0).sched_priority
+    words[3] = sum(1 << cpu for cpu in os.sched_getaffinity(0))
+    words[0] = 1
+
+
 def answer(_: TaskDescriptor) -> None:
     """Send each message back in capitals with the tick it is, change shared data, interrupt the program."""
     data, sender = rci.rci_receive()

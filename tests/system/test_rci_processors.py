@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +18,8 @@ from qrobot.errors import ConfigError, LinkBusy, LinkLost, RogueTask
 from qrobot.modecodes import Mode
 from qrobot.rci import TaskDescriptor, TaskState
 from qrobot.rci.processor_names import claim_processor
+from qrobot.rci.thread_driver import PRIORITY
+from qrobot.realtime.setup import set_fifo
 from tests.support import rci_auxiliary as functions
 from tests.support.patience import wait_until
 from tests.support.processes import RunningArm
@@ -180,6 +183,22 @@ def test_a_processor_of_this_machine_belongs_to_one_program() -> None:
         assert (info.available, "another program" in info.remark) == (False, True)
         with pytest.raises(LinkBusy, match=f"processor {cpu} belongs to another program"):
             rci.rci_create("a", cpu)
+
+
+def test_tasks_of_a_processor_of_this_machine_run_there_with_the_priority_that_is_allowed() -> None:
+    """What `set_fifo` gets for a thread of ours is what the processor gets; refused, the task runs all the same."""
+    cpu = max(os.sched_getaffinity(0))
+    with ThreadPoolExecutor(1) as pool:  # a thread whose schedule is of no further use
+        allowed = pool.submit(set_fifo, PRIORITY).result()
+        expected = pool.submit(lambda: (os.sched_getscheduler(0), os.sched_getparam(0).sched_priority)).result()
+    td = task("told", f"cpu{cpu}", functions.tell_schedule)
+    words = counts()
+    rci.rci_start(td.bit)
+    rci.rci_wait(lambda: words[0] == 1)
+    policy, priority, processors = words[1:4].tolist()
+    assert (policy, priority) == (expected[0] & ~os.SCHED_RESET_ON_FORK, expected[1])
+    assert (policy == os.SCHED_FIFO and priority == PRIORITY) is allowed.ok
+    assert processors == 1 << cpu
 
 
 @pytest.mark.parametrize("name", ["cpu999", "gpu", "auxiliary", "cpu-1", "zenoh://10.0.0.7"])
