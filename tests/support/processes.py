@@ -66,11 +66,11 @@ def free_port() -> int:
 
 
 def write_deployment(
-    directory: Path, arms: int = 1, period_ms: float = UNHURRIED_MS, board: str = "", name: str = ""
+    directory: Path, arms: int = 1, period_ms: float = UNHURRIED_MS, board: str = "", name: str = "", more: str = ""
 ) -> Path:
     """A deployment file of so many arms with fresh ports and names, or the `name` of the only one.
 
-    `board` are keys of their board tables.
+    `board` are keys of their board tables, `more` is text that follows each arm's.
     """
     tables = [
         ARM.format(
@@ -85,7 +85,7 @@ def write_deployment(
         for _ in range(arms)
     ]
     path = directory / "arms.toml"
-    path.write_text("".join(tables))
+    path.write_text("".join(f"{table}{more}" for table in tables))
     return path
 
 
@@ -180,12 +180,12 @@ class RunningArm:
             yield process
 
     @contextmanager
-    def control(self) -> Iterator[Channel]:
+    def control(self, period_ms: float = UNHURRIED_MS) -> Iterator[Channel]:
         """This process commands the arm, a fault cleared: it does so sooner than a program that has to be started."""
         self.wait_for_rest()  # that a program's start leaves time for
         address = (self.arm.bridge.host, self.arm.bridge.port)
         link = partial(TcpLink, address=address)
-        with open_channel(link, self.arm.robot, UNHURRIED_MS, clear_fault=True) as channel:
+        with open_channel(link, self.arm.robot, period_ms, clear_fault=True) as channel:
             yield channel
 
     @contextmanager
@@ -291,10 +291,10 @@ class RunningArm:
 
 @contextmanager
 def running_arms(
-    directory: Path, arms: int = 1, period_ms: float = UNHURRIED_MS, board: str = "", name: str = ""
+    directory: Path, arms: int = 1, period_ms: float = UNHURRIED_MS, board: str = "", name: str = "", more: str = ""
 ) -> Iterator[list[RunningArm]]:
     """All processes of so many arms, up and ready; see `write_deployment`."""
-    deployment = write_deployment(directory, arms, period_ms, board, name)
+    deployment = write_deployment(directory, arms, period_ms, board, name, more)
     with ProcessRig(directory / "processes") as rig:
         running = [RunningArm(rig, deployment, arm) for arm in load_deployment(deployment).arm]
         for arm in running:
