@@ -169,6 +169,9 @@ def _tell_links(told: _Told, links: tuple[ChainLink, ...], T_joint_frame: Floats
     bodies = [_seen_from(T, link.body) for T, link in zip(T_joint_frame, links, strict=True)]
     if not any(body.mass > 0.0 for body in bodies):
         return  # a URDF for viewers
+    weightless = [link.joint.name for link, body in zip(links, bodies, strict=True) if body.mass == 0.0]
+    if weightless:
+        told.notes.append(f"what moves with {', '.join(weightless)} weighs nothing in the URDF: correct links.mass")
     told.tell("links", "mass", _plain([body.mass for body in bodies]))
     told.tell("links", "com", _plain([body.com for body in bodies]))
     told.tell("links", "inertia", _plain([np.diag(body.inertia) for body in bodies]))
