@@ -5,7 +5,8 @@ meanwhile, and no hardware went on without them. So the board's process lets the
 and says so in `facts.slipped_ns`, from which servo, guardian and bridge take the same time. A real board goes on
 whoever is stopped: on its arm nothing slips, and that field, whatever it holds, is not read.
 
-Who wakes up first after a stall cannot know yet what the board's process will say. `await_board` waits for it.
+Who wakes up first after a stall cannot know yet what the board's process will say. `await_board` waits for it;
+`may_slip_ns` tells how much it may be.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from __future__ import annotations
 from typing import Final
 
 from qrobot.hwif.board_memory import BoardMemory
+from qrobot.hwif.lanes import newest_post_ns
 from qrobot.realtime.atomics import load_acquire
 from qrobot.realtime.clock import monotonic_ns, sleep_until_ns
 from qrobot.realtime.jit import lean_kernel
@@ -20,6 +22,7 @@ from qrobot.realtime.jit import lean_kernel
 STALL_NS: Final = 3_000_000  # a process that comes later than this was kept from running [A]
 POLL_NS: Final = 100_000
 PATIENCE_NS: Final = 50_000_000  # with a board that wakes up after its servo did [A]
+MAY_SLIP_NS: Final = 1_000_000_000  # a board that sleeps for longer is taken for dead: nothing more will slip [A]
 
 
 @lean_kernel
@@ -34,6 +37,19 @@ def slipped_ns(board: BoardMemory, slips: int) -> int:
 def arm_time_ns(board: BoardMemory, slips: int) -> int:
     """The arm's time now."""
     return monotonic_ns() - slipped_ns(board, slips)
+
+
+@lean_kernel
+def may_slip_ns(board: BoardMemory, slips: int, now_ns: int) -> int:
+    """Nanoseconds at the end of the arm's time until `now_ns` that an emulated board may still take back.
+
+    That is since its newest sample, or the newest write, while its process is kept from running; `MAY_SLIP_NS` at most.
+    0 without `slips`, and beside a board that runs.
+    """
+    if slips == 0:
+        return 0
+    asleep_ns = now_ns - max(load_acquire(board.facts, "now_ns"), newest_post_ns(board))
+    return min(asleep_ns, MAY_SLIP_NS) if asleep_ns > STALL_NS else 0
 
 
 @lean_kernel

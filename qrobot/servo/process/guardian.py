@@ -18,7 +18,7 @@ import numpy as np
 
 from qrobot.arrays import Words
 from qrobot.errors import LinkError
-from qrobot.hwif.arm_clock import STALL_NS, arm_time_ns
+from qrobot.hwif.arm_clock import STALL_NS, arm_time_ns, may_slip_ns
 from qrobot.hwif.board_memory import BoardMemory, Lane, attach_board_memory, local_board_memory
 from qrobot.hwif.isa.card import CARD_BASE, CARD_KIND, NO_CARD, REAL_CARD, make_card, pour_lane
 from qrobot.hwif.isa.permission import require_ports
@@ -107,8 +107,9 @@ def watch(
 ) -> None:
     """Look again and again until `until_ns`, or until `stop[0]` is set.
 
-    With `slips` the board is an emulated one that lets time stand still when everybody was kept from running: a
-    guardian that overslept then gives the others one bound to wake up in as well. On a real board it acts at once.
+    With `slips` the board is an emulated one that lets time stand still when everybody was kept from running. What it
+    may still take back is no silence of the servo, and a guardian that overslept gives the others one bound to wake up
+    in as well. On a real board it acts at once.
     """
     period_ns = timeout_ns // LOOKS_PER_TIMEOUT
     deadline = monotonic_ns()
@@ -118,7 +119,9 @@ def watch(
         if slips != 0 and late > STALL_NS:
             patient_until, overslept = deadline + late + timeout_ns, late
         allowed = timeout_ns if deadline >= patient_until else 2 * timeout_ns + overslept
-        look(own, mail, board, card, ops, arm_time_ns(board, slips), allowed)
+        now_ns = arm_time_ns(board, slips)
+        allowed += may_slip_ns(board, slips, now_ns)
+        look(own, mail, board, card, ops, now_ns, allowed)
         deadline = max(deadline + period_ns, monotonic_ns())
         sleep_until_ns(deadline)
 

@@ -9,7 +9,7 @@ import pytest
 
 from qrobot.config import load_robot
 from qrobot.config.deployment import TRANSPORTS, BoardChoice
-from qrobot.hwif.arm_clock import STALL_NS, arm_time_ns, await_board, slipped_ns
+from qrobot.hwif.arm_clock import MAY_SLIP_NS, STALL_NS, arm_time_ns, await_board, may_slip_ns, slipped_ns
 from qrobot.hwif.board_memory import local_board_memory
 from qrobot.hwif.lanes import post_operations
 from qrobot.servo.parameters import servo_parameters
@@ -18,6 +18,7 @@ from qrobot.sim_board.server import LIVED_NS, slip_line, unlived_ns
 from tests.support.bus import rows_of
 
 MS = 1_000_000
+BOARD_PERIOD_NS = 250_000
 
 
 def test_only_an_emulated_boards_word_moves_the_clock() -> None:
@@ -77,6 +78,30 @@ def test_of_a_stall_counts_what_somebody_wrote_in() -> None:
     assert unlived_ns(memory, due, due + 50 * MS) == 30 * MS - LIVED_NS
     post_operations(memory, 0, rows_of([(1, 0x30, 0x800)]), 1, due + 50 * MS)
     assert unlived_ns(memory, due, due + 50 * MS) == 0
+
+
+def test_what_may_still_slip_is_what_the_board_will_find_that_nobody_wrote_in() -> None:
+    """Whenever its board wakes up, an arm's time less what may slip is the time that will count, but for a cycle."""
+    memory, due, after = local_board_memory(), 1_000 * MS, BOARD_PERIOD_NS
+    memory.facts.now_ns = due - after
+    for wrote_ms in (0, 20, 45):
+        if wrote_ms:
+            post_operations(memory, 0, rows_of([(1, 0x30, 0x800)]), 1, due + wrote_ms * MS)
+        for slept_ms in (50, 200, 900):
+            may_slip = may_slip_ns(memory, 1, due + slept_ms * MS)
+            assert 0 <= may_slip - unlived_ns(memory, due, due + slept_ms * MS) <= LIVED_NS + after
+
+
+def test_nothing_may_slip_beside_a_board_that_runs_or_is_real_nor_more_than_a_dead_one_is_given() -> None:
+    memory, sampled = local_board_memory(), 1_000 * MS
+    memory.facts.now_ns = sampled
+    assert may_slip_ns(memory, 1, sampled + STALL_NS) == 0
+    assert may_slip_ns(memory, 1, sampled - 50 * MS) == 0
+    assert may_slip_ns(memory, 0, sampled + 200 * MS) == 0
+    assert may_slip_ns(memory, 1, sampled + 200 * MS) == 200 * MS
+    assert may_slip_ns(memory, 1, sampled + 9 * MAY_SLIP_NS) == MAY_SLIP_NS
+    post_operations(memory, 0, rows_of([(1, 0x30, 0x800)]), 1, 1 << 62)
+    assert may_slip_ns(memory, 1, sampled + 200 * MS) == 0  # a damaged time gives a dead servo no time
 
 
 def test_a_damaged_time_of_a_post_neither_stops_time_nor_turns_it_back() -> None:

@@ -41,10 +41,13 @@ from qrobot.servo.process.guardian import (
     Guardian,
     look,
     monotonic_now,
+    watch,
 )
+from tests.support.patience import wait_until
 from tests.support.servo_bench import ServoBench, moving, writes_at
 
 TIMEOUT_NS = 5_000_000
+FAR_NS = 3600_000_000_000
 OPERATIONS = np.zeros((LANE_CAPACITY, OP_FIELDS), dtype=np.int64)
 NO_CARD_WORDS = make_card(NO_CARD)
 
@@ -327,3 +330,23 @@ def test_what_takes_long_is_done_before_other_servos_are_kept_from_running(monke
     guardian_module.prepare()
     assert order[-1] == "set_fifo"
     assert "lock_memory" in order
+
+
+@pytest.mark.realtime
+@pytest.mark.parametrize(("board_runs", "slips", "trips"), [(False, 1, 0), (True, 1, 1), (False, 0, 1)])
+def test_a_servo_is_not_silent_while_its_emulated_board_sleeps_too(board_runs: bool, slips: int, trips: int) -> None:
+    """The guardian alone gets the processor: it looks on time, and knows of no stall by its own clock."""
+    guardian_module.warm_up()
+    mail, board = servo_front(ServoBench().mailbox.words), local_board_memory()
+    own, ops = np.zeros(N_OWN, dtype=np.int64), np.zeros((N_SAFE_OPS, OP_FIELDS), dtype=np.int64)
+    stop = np.zeros(1, dtype=np.int64)
+    began_ns = monotonic_now()
+    board.facts.now_ns = began_ns + (FAR_NS if board_runs else 0)
+    mail.heartbeat.armed, mail.heartbeat.t_ns, mail.heartbeat.discrete = 1, began_ns, DISCRETE_POWER
+
+    def watch_on() -> bool:
+        watch(own, mail, board, NO_CARD_WORDS, ops, stop, TIMEOUT_NS, monotonic_now() + 4 * TIMEOUT_NS, slips)
+        return own[TRIPS] == trips
+
+    watch_on()
+    wait_until(watch_on, f"{trips} trips")
