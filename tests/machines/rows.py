@@ -8,7 +8,7 @@ import sys
 import tempfile
 import time
 import uuid
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,10 +17,11 @@ from typing import Final
 VIRTUAL: Final = ("-m", "not realtime")
 REALTIME: Final = ("-m", "realtime")
 SPIN: Final = "while True: pass"
-# Folder of groups, file, and 50 ms in each 100 (Linux, admin-guide/cgroup-v2 and scheduler/sched-bwc).
+# Folder of groups, quota of 50 ms in each 100, and weight: beside others the group gets its half first
+# (Linux, admin-guide/cgroup-v2, scheduler/sched-bwc and cgroup-v1/cgroups).
 QUOTAS: Final = (
-    (Path("/sys/fs/cgroup"), "cpu.max", "50000 100000"),
-    (Path("/sys/fs/cgroup/cpu"), "cpu.cfs_quota_us", "50000"),
+    (Path("/sys/fs/cgroup"), (("cpu.max", "50000 100000"), ("cpu.weight", "10000"))),
+    (Path("/sys/fs/cgroup/cpu"), (("cpu.cfs_quota_us", "50000"), ("cpu.shares", "262144"))),
 )
 CLOCK: Final = Path(__file__).with_name("scaled_clock.c")
 
@@ -72,21 +73,22 @@ def _one(stack: ExitStack) -> Place:
 
 def _half(stack: ExitStack) -> Place:
     """Half the time of one processor: by a quota where that is allowed, else beside somebody who wants as much."""
-    if not any(_quota(stack, *control) for control in QUOTAS):
+    if not any(_quota(stack, *quota) for quota in QUOTAS):
         print("no quota can be had here: pinned to one processor, beside a busy loop", flush=True)
         stack.enter_context(_busy_loop(min(os.sched_getaffinity(0))))
     return _one(stack)
 
 
-def _quota(stack: ExitStack, groups: Path, control: str, quota: str) -> bool:
+def _quota(stack: ExitStack, groups: Path, controls: Sequence[tuple[str, str]]) -> bool:
     """Move this process into a group with half a processor until the stack is closed; False where it may not."""
     group = groups / f"half-{uuid.uuid4().hex[:8]}"
     try:
         group.mkdir()
         stack.callback(group.rmdir)
-        if not (group / control).exists():
-            return False
-        (group / control).write_text(quota)
+        for control, value in controls:
+            if not (group / control).exists():
+                return False
+            (group / control).write_text(value)
         (group / "cgroup.procs").write_text(str(os.getpid()))
     except OSError:
         return False
