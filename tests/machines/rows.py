@@ -10,7 +10,7 @@ import time
 import uuid
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
@@ -23,6 +23,8 @@ QUOTAS: Final = (
     (Path("/sys/fs/cgroup"), (("cpu.max", "50000 100000"), ("cpu.weight", "10000"))),
     (Path("/sys/fs/cgroup/cpu"), (("cpu.cfs_quota_us", "50000"), ("cpu.shares", "262144"))),
 )
+# Factors of how long the tests wait before they give up: what comes late on a machine that is slow may still come.
+BUSY_PATIENCE, HALF_PATIENCE = 2.0, 5.0
 CLOCK: Final = Path(__file__).with_name("scaled_clock.c")
 
 
@@ -58,17 +60,21 @@ def _here(_stack: ExitStack) -> Place:
     return Place({}, len(os.sched_getaffinity(0)) + 1)
 
 
+def _patient(place: Place, factor: float) -> Place:
+    return replace(place, environment={**place.environment, "QROBOT_PATIENCE": f"{factor:g}"})
+
+
 def _busy(stack: ExitStack) -> Place:
     for processor in os.sched_getaffinity(0):
         stack.enter_context(_busy_loop(processor))
-    return _here(stack)
+    return _patient(_here(stack), BUSY_PATIENCE)
 
 
 def _one(stack: ExitStack) -> Place:
     before = os.sched_getaffinity(0)
     os.sched_setaffinity(0, {min(before)})
     stack.callback(os.sched_setaffinity, 0, before)
-    return Place({}, 1)
+    return _patient(Place({}, 1), BUSY_PATIENCE)
 
 
 def _half(stack: ExitStack) -> Place:
@@ -76,7 +82,7 @@ def _half(stack: ExitStack) -> Place:
     if not any(_quota(stack, *quota) for quota in QUOTAS):
         print("no quota can be had here: pinned to one processor, beside a busy loop", flush=True)
         stack.enter_context(_busy_loop(min(os.sched_getaffinity(0))))
-    return _one(stack)
+    return _patient(_one(stack), HALF_PATIENCE)
 
 
 def _quota(stack: ExitStack, groups: Path, controls: Sequence[tuple[str, str]]) -> bool:
