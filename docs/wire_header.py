@@ -21,6 +21,7 @@ _ENUMERATIONS: Final = {
     "HAND": vocabulary.Hand,
     "REACTION": vocabulary.CollisionReaction,
     "MODE": Mode,
+    "HELLO_FLAG": vocabulary.HelloFlag,
     "FLAG": vocabulary.RobotFlag,
     "REQUEST": vocabulary.Request,
     "ERROR": vocabulary.ErrorCode,

@@ -70,17 +70,18 @@ move(obj, make_position(TRANS, EQ, lifted, TL, TRANS))
 stop(obj, make_position(TRANS, EQ, cam, lifted, disp1, TL, TRANS), 500)
 
 
-def grip():
-    """The right hand in the left one, as both were measured. Shape (4, 4)."""
-    first, second = (
-        np.linalg.inv(coord.value) @ robot.channel.measured_t6 @ tool.value
-        for coord, robot, tool in ((coord1, robot1, tool1), (coord2, robot2, tool2))
-    )
-    return np.linalg.inv(first) @ second
+left, right = {}, {}  # hands in the world as they were measured, by the number of the sample. Shapes (4, 4)
 
 
-apart = []
-wait_as(lambda: apart.append(np.linalg.norm(grip()[:3, 3])) or obj.completed.count)
+def look():
+    """Measure both hands; two arms are measured at one instant where their samples have one number."""
+    for hands, coord, robot, tool in ((left, coord1, robot1, tool1), (right, coord2, robot2, tool2)):
+        hands[robot.sample] = np.linalg.inv(coord.value) @ robot.channel.measured_t6 @ tool.value
+    return obj.completed.count
+
+
+wait_as(look)
+apart = [np.linalg.norm((np.linalg.inv(left[n]) @ right[n])[:3, 3]) for n in sorted(left.keys() & right.keys())]
 print(f"carried along one path; the hands came {1e3 * np.ptp(apart):.2f} mm closer or farther apart meanwhile")
 open_hand(robot1)
 open_hand(robot2)

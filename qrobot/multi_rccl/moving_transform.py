@@ -9,8 +9,9 @@ from qrobot.arrays import Floats
 from qrobot.errors import MotionError
 from qrobot.motion import TransformKind
 from qrobot.rccl import Transform
+from qrobot.rccl.task_group import MOST_APART
 
-KEPT: Final = 16  # samples: further than that no arm is behind another [A]
+KEPT: Final = 2 * MOST_APART  # samples: further than that no arm is behind another
 
 
 class MovingTransform(Transform):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextvars import ContextVar
+from dataclasses import replace
 from typing import Any, Concatenate, Final, ParamSpec, TypeVar
 
 from qrobot.config import robot_path
@@ -138,7 +139,7 @@ def _robot(program: ManipProgram, known: KnownRobot) -> RobotManip:
     surroundings = environment()
 
     def link(hello: Hello) -> Link:
-        return surroundings.links(known, hello)
+        return surroundings.links(known, replace(hello, in_step=True))
 
     return RobotManip(known, link, program.group)
 

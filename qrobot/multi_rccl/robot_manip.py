@@ -109,6 +109,16 @@ class RobotManip(Manip):
         return np.asarray(self._j6 * units)
 
     @property
+    def sample(self) -> int:
+        """Number of its newest sample: samples of two arms that have the same number are of one instant.
+
+        Where their bridges share no clock they are less than a sample period apart. Raises LinkError before `control`.
+        """
+        if self._task is None:
+            raise LinkError(f"{self.name} is not under control; call rccl_control first")
+        return self._task.tick
+
+    @property
     def eventful(self) -> bool:
         """See `Manip.eventful`."""
         return self._task is not None and self._task.eventful

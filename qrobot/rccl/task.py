@@ -63,6 +63,7 @@ class TrajectoryTask:
         chg: what the next command says; the task writes setpoints and requests, a program hand and outputs.
         completed: true while the arm has nothing to do.
         period_s: sample period.
+        period_number: of the newest sample on the clock that the arms of a machine share, None without one.
         force: what the arm exerts, and the joints that give way.
         motions: motions that have not ended.
         timing: the time that functional transforms take.
@@ -94,6 +95,7 @@ class TrajectoryTask:
         self._hooks = CycleHooks(self._hold, self._generate, self._wait, self._stopped, self._slowness)
         self.completed = Level("completed", 1)
         self._tick_before = 0  # the first sample
+        self.period_number: int | None = None
         self.override, self.paused = FULL_SPEED, False
         self.keeps_path, self.way_back = False, WayBackLimit()
         self.retract_m, self._travelled = 0.0, TravelledPath()
@@ -262,6 +264,7 @@ class TrajectoryTask:
 
         Raises ServoFault: the servo gave up, or power is refused; MotionError: the arm is not calibrated.
         """
+        self.period_number = state.seq if state.in_step else None
         command = self._cycle.step(state, now_ns, self._track)
         if self.off_path and self.group is not None:
             self.group.before_sample(self.tick)

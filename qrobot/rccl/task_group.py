@@ -7,12 +7,16 @@ arms that use it in the same sample. Arms that are no group are each other's str
 from __future__ import annotations
 
 import threading
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Final, Protocol
 
 from qrobot.errors import MotionError
+from qrobot.wire.sequence import difference
 
 if TYPE_CHECKING:
     from qrobot.rccl.task import TrajectoryTask
+
+
+MOST_APART: Final = 32  # samples by which arms on one clock may differ where they join; more is another clock [A]
 
 
 class GroupMember(Protocol):
@@ -48,9 +52,12 @@ class TaskGroup:
         self.tick, self.period_s = 0, 0.0
         self.members: list[GroupMember] = []
         self._tasks: list[TrajectoryTask] = []
+        self._shared: tuple[int, int] | None = None  # a sample, and its number on the clock that arms share
 
     def join(self, task: TrajectoryTask) -> None:
-        """`task` has its arm under control, in a sample to which the others have come: it counts as theirs do.
+        """`task` has its arm under control: its samples count as those of the others that are of the same instants.
+
+        Where their bridges share no clock that is the newest sample to which the others have come.
 
         Raises:
             MotionError: its sample period is another one.
@@ -58,7 +65,17 @@ class TaskGroup:
         self.agree_on(task.period_s)
         if task not in self._tasks:
             self._tasks.append(task)
-        task.count_from(self.tick)
+        task.count_from(self._sample_of(task))
+        if task.period_number is not None and self._shared is None:
+            self._shared = task.tick, task.period_number
+
+    def _sample_of(self, task: TrajectoryTask) -> int:
+        """The sample of the others that is of the same instant as the newest of `task`."""
+        if task.period_number is None or self._shared is None:
+            return self.tick
+        tick, number = self._shared
+        sample = tick + difference(task.period_number, number)
+        return sample if abs(sample - self.tick) <= MOST_APART else self.tick
 
     def agree_on(self, period_s: float) -> None:
         """Have a sample period. Raises MotionError: it is another one already."""
@@ -71,14 +88,21 @@ class TaskGroup:
         """`task` has let go of its arm; does nothing a second time."""
         if task in self._tasks:
             self._tasks.remove(task)
+        if not self._tasks:
+            self._shared = None
         if not self._tasks and not self.members:
             self.period_s = 0.0
 
     def before_sample(self, tick: int) -> None:
-        """An arm is about to make its setpoints of sample `tick`."""
+        """An arm is about to make its setpoints of sample `tick`.
+
+        Samples that it has left out come first: another arm may still be about to make its setpoints of them.
+        """
+        left_out = range(max(self.tick + 1, tick - MOST_APART), tick)
         self.tick = max(self.tick, tick)
-        for member in self.members:
-            member.before_sample(tick)
+        for number in (*left_out, tick):
+            for member in self.members:
+                member.before_sample(number)
 
     def lose(self, task: TrajectoryTask) -> None:
         """Control of one arm was lost: the others come to rest on their paths, or with what they hold.

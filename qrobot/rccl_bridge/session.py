@@ -4,6 +4,7 @@ Rules:
 
 * STATE goes out on an absolute grid of the session's period; a grid point that was missed is left out, never made good;
 * its `seq` is the number of the grid point, so that a client that copies it into its COMMAND counts sample periods;
+* the grid begins with the session, or with the arm's clock for a client that wants samples in step with other arms';
 * setpoints are the commander's alone, and the lease is given back, with a stop, however the session ends;
 * whoever is in may ask for a stop or for no power, the commander or an observer, and the bridge's log says who did;
 * while the servo is away the client is told once, stays connected, and what it commands is dropped.
@@ -77,6 +78,7 @@ class Session:
         places: of observers; None keeps no count. token: what a client has to show; empty asks for none.
         judge_payload: tells why the arm cannot carry a payload, "" when it can.
         judge_collision: tells why it does not take thresholds of a collision, "" when it does.
+        shared_clock: other arms' bridges go by the same clock; False for an arm on a virtual time of its own.
 
     Attributes:
         label: the client in words for people.
@@ -97,6 +99,7 @@ class Session:
         token: bytes = b"",
         judge_payload: Callable[[Payload], str] = lambda _payload: "",
         judge_collision: Callable[[Collision], str] = lambda _collision: "",
+        shared_clock: bool = True,
     ) -> None:
         self.label = str(peer)
         self.due_ns = now_ns + settings.handshake_ns
@@ -107,6 +110,7 @@ class Session:
         self._places, self._token = places or Places(settings.max_clients), token
         self._connection = Connection(Side.SERVER)
         self._frames: FrameMaker | None = None  # the commander's
+        self._shared_clock, self._in_step = shared_clock, False
         self._origin_ns = 0
         self._period_ns = 0
         self._heard_ns = now_ns
@@ -215,9 +219,15 @@ class Session:
             return self.refuse(ErrorCode.FULL, full, now_ns)
         period_us = hello.period_us or self._settings.period_us
         self._period_ns = period_us * 1000
-        self._origin_ns = self.due_ns = self._heard_ns = now_ns
+        self._heard_ns = now_ns
+        self._begin_grid(hello.in_step and self._shared_clock, now_ns)
         self._frames = FrameMaker(self._lease, self._period_ns) if commands else None
         return [SendBytes(self._connection.send(Welcome(hello.role, self._robot_name, self._n, period_us, now_ns)))]
+
+    def _begin_grid(self, in_step: bool, now_ns: int) -> None:
+        """Let the first STATE leave at the next point of the grid: now, or at a multiple of the period."""
+        self._in_step, self._origin_ns = in_step, 0 if in_step else now_ns
+        self.due_ns = now_ns + (self._origin_ns - now_ns) % self._period_ns
 
     def _take_command(self, command: Command, now_ns: int) -> list[Action]:
         self._heard_ns = now_ns
@@ -291,6 +301,7 @@ class Session:
             you_command=self._frames is not None,
             commanded=self._lease.taken,
             path_waits=self._lease.path_waits,
+            in_step=self._in_step,
         )
         return [SendBytes(self._connection.send(state))]
 

@@ -204,7 +204,7 @@ class LockstepBridge:
         here, port = Peer("127.0.0.1", 0), self._port
         return Session(
             rig.robot.name, rig.robot.n, rig.lease, self._settings, here, rig.now_ns, judge_payload=port.judge_payload,
-            judge_collision=port.judge_collision,
+            judge_collision=port.judge_collision, shared_clock=False,
         )  # fmt: skip
 
     def transfer(self, data: bytes) -> bytes:

@@ -43,6 +43,7 @@ from qrobot.wire.vocabulary import (
     ClientRole,
     CollisionReaction,
     Hand,
+    HelloFlag,
     JointMode,
     Request,
     RobotFlag,
@@ -55,8 +56,9 @@ _POWER, _CLEAR, _STOP = int(Request.POWER), int(Request.CLEAR_FAULT), int(Reques
 _HOLD_TO_RUN, _KEY_HELD = int(Request.HOLD_TO_RUN), int(Request.KEY_HELD)
 _PATH_WAITS = int(Request.PATH_WAITS)
 _YOU, _SOMEBODY, _WAITS = int(RobotFlag.YOU_COMMAND), int(RobotFlag.COMMANDED), int(RobotFlag.PATH_WAITS)
+_IN_STEP, _WANTS_STEP = int(RobotFlag.IN_STEP), int(HelloFlag.IN_STEP)
 _U32: Final = 0xFFFFFFFF
-_SERVO_FLAGS: Final = _U32 & ~(_YOU | _SOMEBODY | _WAITS)
+_SERVO_FLAGS: Final = _U32 & ~(_YOU | _SOMEBODY | _WAITS | _IN_STEP)
 _WRAPPING: Final = frozenset(row.name for row in rows_of(StateTable) if row.wraps)
 
 
@@ -94,17 +96,18 @@ def _encode_hello(packet: Hello) -> bytes:
     if len(packet.auth) > LONGEST_AUTH:
         raise LocalProtocolError(f"authentication of {len(packet.auth)} bytes: at most {LONGEST_AUTH}")
     return pack(
-        layout.HELLO, 0, 0, 0, packet.t_ns, packet.role, len(packet.auth), packet.period_us,
-        name_bytes(packet.robot), name_bytes(packet.program), b"", rest=packet.auth,
+        layout.HELLO, 0, 0, 0, packet.t_ns, packet.role, _WANTS_STEP * packet.in_step, len(packet.auth),
+        packet.period_us, name_bytes(packet.robot), name_bytes(packet.program), b"", rest=packet.auth,
     )  # fmt: skip
 
 
 def _decode_hello(frame: bytes) -> Hello:
     values, rest = unpack_with_rest(layout.HELLO, frame)
-    t_ns, role, auth_length, period_us, robot, program = values[_FIRST - 1 :]
+    t_ns, role, flags, auth_length, period_us, robot, program = values[_FIRST - 1 :]
     if auth_length > LONGEST_AUTH or len(rest) != auth_length + -auth_length % 4:
         raise RemoteProtocolError(f"HELLO claims {auth_length} bytes of authentication and brings {len(rest)}")
-    return Hello(_role(role), text_of(robot), text_of(program), period_us, rest[:auth_length], t_ns)
+    in_step = bool(flags & _WANTS_STEP)
+    return Hello(_role(role), text_of(robot), text_of(program), period_us, rest[:auth_length], t_ns, in_step)
 
 
 def _encode_welcome(packet: Welcome) -> bytes:
@@ -189,7 +192,7 @@ def _number(packet: State, name: str) -> float:
         return packet.dropped & _U32
     if name == "flags":
         bridge = _YOU * packet.you_command | _SOMEBODY * packet.commanded | _WAITS * packet.path_waits
-        return packet.robot.flags & _SERVO_FLAGS | bridge
+        return packet.robot.flags & _SERVO_FLAGS | bridge | _IN_STEP * packet.in_step
     number: float = getattr(packet.robot, name)
     return int(number) & _U32 if name in _WRAPPING else number
 
@@ -205,7 +208,7 @@ def _decode_state(frame: bytes) -> State:
             at = end
     _, dropped, flags = told.pop("joints"), told.pop("dropped"), told.pop("flags")
     robot = RobotState(t_ns=t_ns, flags=flags & _SERVO_FLAGS, **told)
-    return State(seq, robot, ack, dropped, *(bool(flags & each) for each in (_YOU, _SOMEBODY, _WAITS)))
+    return State(seq, robot, ack, dropped, *(bool(flags & each) for each in (_YOU, _SOMEBODY, _WAITS, _IN_STEP)))
 
 
 def _encode_error(packet: WireError) -> bytes:

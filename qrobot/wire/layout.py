@@ -120,7 +120,7 @@ HELLO: Final = Layout(
     "first packet of a client",
     (
         Field("role", "B", "-", "1 commander, 2 observer"),
-        Field("reserved", "x", "-", "send 0, ignore"),
+        Field("flags", "B", "bits", "1 in step, see Several arms in step"),
         Field("auth_length", "H", "byte", "of auth; 0 to 1024"),
         Field("period_us", "I", "µs", "wanted sample period, 1000 to 100000; 0 takes the server's"),
         Field("robot", "s", "-", "name of the robot, UTF-8, padded with 0; an observer may leave it empty", NAME_BYTES),

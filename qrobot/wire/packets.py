@@ -23,7 +23,8 @@ NO_SIGNALS: Final[Values] = (math.nan,) * N_SIGNALS
 class Hello:
     """First packet of a client; `period_us` 0 takes the server's period.
 
-    A commander names the robot it was written for; an observer may leave the name empty.
+    A commander names the robot it was written for; an observer may leave the name empty. Who commands several arms asks
+    for samples `in_step`, at whole multiples of the period on the bridge's clock.
     """
 
     role: ClientRole
@@ -32,6 +33,7 @@ class Hello:
     period_us: int = 0
     auth: bytes = b""
     t_ns: int = 0
+    in_step: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,12 +107,14 @@ class State:
     """A sample of the robot on its way to one client; the header's t_ns is `robot.t_ns`.
 
     Attributes:
-        seq: sample period since the connection began; a gap means that samples were left out.
+        seq: sample period since the connection began, or `in_step`; a gap means that samples were left out.
         ack: seq of the newest COMMAND of this client that was taken.
         dropped: COMMANDs of this client that were refused: repeated, out of order or invalid.
         you_command: this client holds the commander's lease.
         commanded: somebody does.
         path_waits: their arm stands off its path, until somebody confirms that it may go back.
+        in_step: `seq` is the sample period of the bridge's clock: samples of two arms of one machine that have the same
+            period and the same number are of one instant.
     """
 
     seq: int
@@ -120,6 +124,7 @@ class State:
     you_command: bool = False
     commanded: bool = False
     path_waits: bool = False
+    in_step: bool = False
 
 
 @dataclass(frozen=True, slots=True)

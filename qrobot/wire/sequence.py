@@ -13,6 +13,11 @@ def wrapped(number: int) -> int:
     return number % _MODULUS
 
 
+def difference(newer: int, older: int) -> int:
+    """Distance by which one number lies ahead of another, both as they travel: -2^31 to 2^31 - 1."""
+    return (newer - older + _HALF) % _MODULUS - _HALF
+
+
 class Sequence:
     """Accepts only newer numbers, and counts on where they wrap.
 

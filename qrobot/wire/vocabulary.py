@@ -48,6 +48,12 @@ class Hand(IntEnum):
     CLOSED = 2
 
 
+class HelloFlag(IntFlag):
+    """Wishes of a HELLO."""
+
+    IN_STEP = 1  # samples at whole multiples of the period on the bridge's clock, as those of other arms
+
+
 class RobotFlag(IntFlag):
     """Flags of a STATE; the low byte is the servo's, the next one the bridge's."""
 
@@ -60,6 +66,7 @@ class RobotFlag(IntFlag):
     YOU_COMMAND = 0x100
     COMMANDED = 0x200  # somebody commands
     PATH_WAITS = 0x400  # the commander's arm stands off its path, until somebody confirms that it may go back
+    IN_STEP = 0x800  # seq counts the sample periods of the bridge's clock, as HELLO has asked for
 
 
 class Request(IntFlag):

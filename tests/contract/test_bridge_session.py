@@ -56,7 +56,14 @@ MOVE = Command(0, (JointMode.POSITION,) * 6, (0.1,) * 6, power=True)
 class Client:
     """A client and its session, joined without a socket, on virtual time."""
 
-    def __init__(self, port: FakePort | MailboxPort, lease: Lease, host: str = "127.0.0.1", **settings: int) -> None:
+    def __init__(
+        self,
+        port: FakePort | MailboxPort,
+        lease: Lease,
+        host: str = "127.0.0.1",
+        shared_clock: bool = True,
+        **settings: int,
+    ) -> None:
         self.port = port
         self.now_ns = START_NS
         self.wire = Connection(Side.CLIENT)
@@ -69,6 +76,7 @@ class Client:
             START_NS,
             judge_payload=port.judge_payload,
             judge_collision=port.judge_collision,
+            shared_clock=shared_clock,
         )
         self.closed = ""
         self.notes: list[str] = []
@@ -191,6 +199,32 @@ def test_nothing_is_told_before_its_time(client: Client) -> None:
     client.join()
     assert client.wait(PERIOD_NS - 1) == []
     assert len(client.wait(1)) == 1
+
+
+def test_sessions_in_step_are_told_of_the_same_instants_by_the_same_numbers(port: FakePort) -> None:
+    first, second = Client(port, Lease()), Client(port, Lease())
+    second.now_ns += 11 * MS
+    heard: list[dict[int, State]] = []
+    for client in (first, second):
+        client.join(replace(COMMANDER, in_step=True))
+        told = [(state, client.now_ns) for _ in range(4 * 28) for state in client.wait(MS)]
+        heard.append({t_ns: state for state, t_ns in told})
+    common = heard[0].keys() & heard[1].keys()
+    assert len(common) >= 3
+    for t_ns in common:
+        assert t_ns % PERIOD_NS == 0
+        assert heard[0][t_ns].seq == heard[1][t_ns].seq
+        assert heard[0][t_ns].in_step
+    numbers = [heard[0][t_ns].seq for t_ns in sorted(heard[0])]
+    assert numbers == list(range(numbers[0], numbers[0] + len(numbers)))
+
+
+def test_a_session_on_a_time_of_its_own_and_one_that_does_not_ask_for_it_begin_their_own_grid(port: FakePort) -> None:
+    asked, alone = Client(port, Lease()), Client(port, Lease(), shared_clock=False)
+    for client, hello in ((asked, COMMANDER), (alone, replace(COMMANDER, in_step=True))):
+        client.say(hello)
+        (state,) = client.wait(0)
+        assert (state.seq, state.in_step) == (1, False)
 
 
 def test_a_state_says_who_commands_and_whether_their_path_waits(port: FakePort, lease: Lease) -> None:

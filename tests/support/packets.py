@@ -54,8 +54,9 @@ def robot_states(n: int) -> st.SearchStrategy[RobotState]:
 
 def states(n: int) -> st.SearchStrategy[State]:
     return st.builds(
-        State, seq=U32, robot=robot_states(n), ack=U32, dropped=U32, you_command=st.booleans(), commanded=st.booleans()
-    )
+        State, seq=U32, robot=robot_states(n), ack=U32, dropped=U32, you_command=st.booleans(), commanded=st.booleans(),
+        in_step=st.booleans(),
+    )  # fmt: skip
 
 
 def commands(n: int) -> st.SearchStrategy[Command]:
@@ -67,8 +68,9 @@ def commands(n: int) -> st.SearchStrategy[Command]:
 
 
 HELLOS = st.builds(
-    Hello, role=ROLES, robot=NAMES, program=NAMES, period_us=U32, auth=st.binary(max_size=1024), t_ns=T_NS
-)
+    Hello, role=ROLES, robot=NAMES, program=NAMES, period_us=U32, auth=st.binary(max_size=1024), t_ns=T_NS,
+    in_step=st.booleans(),
+)  # fmt: skip
 WELCOMES = st.builds(Welcome, role=ROLES, robot=NAMES, n=JOINTS, period_us=st.integers(1_000, 100_000), t_ns=T_NS)
 ERRORS = st.builds(
     WireError, code=st.sampled_from(ErrorCode).map(int) | U16, text=TEXTS, fatal=st.booleans(), t_ns=T_NS

@@ -5,7 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Final
 
+import numpy as np
+
+from qrobot.arrays import Floats
 from qrobot.config import load_robot
+from qrobot.model.transform import inverse, so3_log
 from qrobot.multi_rccl import (
     EQ,
     TL,
@@ -34,6 +38,12 @@ GRIP: Final = {"left": gentr_trsl("GRIP1", 0, 100, 0), "right": gentr_trsl("GRIP
 HERE = gentr_rpy("HERE", 500, 0, 0, 0, 170, 0)
 THERE = gentr_rpy("THERE", 500, 0, 100, 0, 180, 0)
 """Where the object is, and where it is carried."""
+
+
+def off(there: Floats, here: Floats) -> tuple[float, float]:
+    """Distance, m, and angle, rad, between two poses."""
+    between = inverse(there) @ here
+    return float(np.linalg.norm(between[:3, 3])), float(np.linalg.norm(so3_log(between[:3, :3])))
 
 
 def reach(grips: Mapping[str, Transform] = GRIP) -> tuple[Manip, list[RobotManip]]:

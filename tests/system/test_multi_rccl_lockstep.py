@@ -14,7 +14,7 @@ from qrobot.arrays import Floats
 from qrobot.cli.console import run_app
 from qrobot.cli.main import make_app
 from qrobot.model.arm import Arm
-from qrobot.model.transform import inverse, so3_log
+from qrobot.model.transform import inverse
 from qrobot.multi_rccl import RobotManip, wait_as
 from qrobot.multi_rccl.program import _program
 from qrobot.rccl.program import ending
@@ -22,7 +22,7 @@ from qrobot.rig.lockstep import LockstepRig, link_factory
 from qrobot.servo.settings import ServoSettings
 from qrobot.sim_board.emulator import Emulator
 from qrobot.sim_board.mismatch import PlantMismatch
-from tests.support.two_hands import GRIP, ROBOT, TOOL, WORLD, carry, reach
+from tests.support.two_hands import GRIP, ROBOT, TOOL, WORLD, carry, off, reach
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 ARM = Arm(ROBOT)
@@ -31,12 +31,6 @@ ARM = Arm(ROBOT)
 def hand(robot: RobotManip, q: tuple[float, ...]) -> Floats:
     """Its hand in the world. Shape (4, 4)."""
     return np.asarray(inverse(WORLD[robot.name].value) @ ARM.forward(np.array(q)) @ TOOL.value)
-
-
-def off(there: Floats, here: Floats) -> tuple[float, float]:
-    """Distance, m, and angle, rad, between two poses."""
-    between = inverse(there) @ here
-    return float(np.linalg.norm(between[:3, 3])), float(np.linalg.norm(so3_log(between[:3, :3])))
 
 
 def run(*words: str) -> int:

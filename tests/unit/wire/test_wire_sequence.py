@@ -5,7 +5,7 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from qrobot.wire.sequence import Sequence
+from qrobot.wire.sequence import Sequence, difference
 
 U32 = st.integers(0, (1 << 32) - 1)
 
@@ -34,6 +34,11 @@ def test_a_repeated_or_older_number_is_refused_and_counted(seq: int, step: int) 
     sequence = sequence_at(seq)
     assert not sequence.accept((seq + step) % (1 << 32))
     assert (sequence.newest, sequence.refused) == (seq, 1)
+
+
+@given(U32, st.integers(-(1 << 31), (1 << 31) - 1))
+def test_a_number_lies_as_far_ahead_of_another_as_was_counted_between_them(seq: int, step: int) -> None:
+    assert difference((seq + step) % (1 << 32), seq) == step
 
 
 def test_the_count_goes_on_through_many_wraps() -> None:
