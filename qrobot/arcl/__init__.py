@@ -76,7 +76,7 @@ from qrobot.arcl.events import (
 from qrobot.arcl.events import (
     ArclEvent as Event,
 )
-from qrobot.arcl.iod import IOD, IOD_IN, IOD_OUT, iod_read, iod_value, iod_write, named_iod, new_iod
+from qrobot.arcl.iod import IOD, IOD_IN, IOD_OUT, iod_read, iod_set_value, iod_value, iod_write, named_iod, new_iod
 from qrobot.arcl.motion import Motion, MotionFeedback
 from qrobot.arcl.positions import EQ, TL, Pos, makeposition
 from qrobot.arcl.program import (
@@ -228,6 +228,7 @@ __all__ = [
     "force_from",
     "gripper",
     "iod_read",
+    "iod_set_value",
     "iod_value",
     "iod_write",
     "joint_pos",

@@ -1,6 +1,6 @@
 """IO descriptors: contiguous binary lines, or an analogue channel, as a number (Corke & Kirkham, section 2.8).
 
-Lines are described by their numbers, or by a name of the deployment file; analogue channels by names alone.
+Lines are described by their numbers, or by a name of the deployment file; analogue inputs and outputs by names alone.
 """
 
 from __future__ import annotations
@@ -34,9 +34,9 @@ class IOD:
         rp: the robot.
         direction: inputs or outputs.
         first: number of the first line, from 1; it is bit 0 of the value.
-        count: how many there are; 0 for an analogue channel.
+        count: how many there are; 0 for an analogue channel or output.
         name: in the deployment file; empty for none.
-        channel: of the converter, for an analogue one.
+        channel: of the converter, from 0, or number of the analogue output, from 1; -1 for lines.
         per_volt, zero_v: its value is (volts - zero_v) x per_volt.
         unit: of that value.
     """
@@ -71,19 +71,40 @@ def named_iod(rp: ArclRobot, name: str) -> IOD:
     signal = rp.signal(name)
     if signal.analog is not None:
         return IOD(rp, IOD_IN, 0, 0, name, signal.analog, signal.per_volt, signal.zero_v, signal.unit)
+    if signal.analog_output is not None:
+        return IOD(rp, IOD_OUT, 0, 0, name, signal.analog_output, signal.per_volt, signal.zero_v, signal.unit)
     if signal.outputs is not None:
         first, last = signal.outputs
         return IOD(rp, IOD_OUT, first, last - first + 1, name)
-    first, last = signal.inputs or (0, 0)  # one of the three is given
+    first, last = signal.inputs or (0, 0)  # one of the four is given
     return IOD(rp, IOD_IN, first + FIRST_LINE, last - first + 1, name)
 
 
 def iod_value(iod: IOD) -> float:
-    """The value at the newest sample, of an analogue channel in its unit; NaN where it has none now."""
+    """The value at the newest sample, of an analogue channel in its unit; NaN where it has none now.
+
+    Of an analogue output it is what this program has told it last, which a stop may have ended; NaN before.
+    """
     if _iod("iod_value", iod).channel < 0:
         return float(iod_read(iod))
-    volts = float(iod.rp.sensors[iod.channel])
+    output = iod.direction is IOD_OUT
+    volts = iod.rp.analog_written(iod.channel) if output else float(iod.rp.sensors[iod.channel])
     return (volts - iod.zero_v) * iod.per_volt
+
+
+def iod_set_value(iod: IOD, value: float) -> None:
+    """Let an analogue output show a value in its unit, or lines a whole number, now.
+
+    Raises MotionError: it is an input, or the value is not within its range; nothing has changed then.
+    """
+    if _iod("iod_set_value", iod).channel < 0:
+        iod_write(iod, int(value) if isinstance(value, float) and value.is_integer() else value)  # type: ignore[arg-type]
+        return
+    if iod.direction is IOD_IN:
+        raise MotionError(f"iod_set_value: {iod.name} is an analogue input")
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise MotionError(f"iod_set_value: a number is needed, not {value!r}")
+    iod.rp.write_analog(iod.channel, value / iod.per_volt + iod.zero_v)
 
 
 def iod_read(iod: IOD) -> int:
@@ -100,6 +121,8 @@ def iod_read(iod: IOD) -> int:
 def iod_write(iod: IOD, value: int) -> None:
     """Switch the lines, now. Raises MotionError: they are inputs, or have too few bits for the value."""
     if _iod("iod_write", iod).channel >= 0:
+        if iod.direction is IOD_OUT:
+            raise MotionError(f"iod_write: {iod.name} is an analogue output, in {iod.unit}: iod_set_value writes it")
         raise MotionError(f"iod_write: {iod.name} is an analogue input")
     if iod.direction is IOD_IN:
         raise MotionError(f"iod_write: lines {iod.first} to {iod.first + iod.count - 1} are inputs")

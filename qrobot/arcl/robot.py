@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from copy import copy
-from math import inf
 from typing import Any, Final
 
 from qrobot.arcl.errors import answer_of, goes_on
-from qrobot.arcl.events import ArclEvent, CallbackAnswer, Grip
+from qrobot.arcl.events import ArclEvent, CallbackAnswer
 from qrobot.arcl.generator import MotionQueue
 from qrobot.arcl.joint_units import units_of
 from qrobot.arcl.kept_motions import KeptMotions
 from qrobot.arcl.kinematics import ManipulatorKinematics
+from qrobot.arcl.line_calls import LineCalls
 from qrobot.arcl.machine import MachineSample, RobotMachine
 from qrobot.arcl.motion import Motion, MotionFeedback
 from qrobot.arcl.opened import listen_once
@@ -27,7 +27,6 @@ from qrobot.arcl.trace import exec_line, request_line
 from qrobot.arcl.trans import Trans, new_trans_value
 from qrobot.arrays import Floats
 from qrobot.config import Robot
-from qrobot.config.signals import NamedSignal
 from qrobot.errors import ConfigError, LinkError, MotionError, QRobotError, ServoFault
 from qrobot.fences.in_force import fences_for
 from qrobot.motion import Trsf, whole_samples
@@ -37,7 +36,7 @@ from qrobot.units import MM_PER_M, S_PER_MS
 STOP_MS: Final = 300.0  # Tseg of STOP in Figure 5
 
 
-class ArclRobot(PathCalls):
+class ArclRobot(PathCalls, LineCalls):
     """One arm under control of this program.
 
     Args:
@@ -62,6 +61,7 @@ class ArclRobot(PathCalls):
         self._closed = self._loss_told = self._given_up = False
         self._ticks = 0
         self._kept = KeptMotions(robot)
+        LineCalls.__init__(self)
         self._begin_at(ami.open())
 
     def _begin_at(self, q: Floats) -> None:
@@ -235,46 +235,6 @@ class ArclRobot(PathCalls):
         self.ami.wait(lambda: self.ami.sample is not before)
         return teaching.end()
 
-    # --------------------------------------------------------------------------------------------- hand and lines
-
-    def gripper(self, command: int, value: float | None = None) -> None:
-        """Command the gripper, now. Raises MotionError: no such command or value, or not for this gripper."""
-        if isinstance(command, bool) or command not in set(Grip):
-            raise MotionError(f"gripper: {command!r} is none of {', '.join(one.name for one in Grip)}")
-        mm = _grip_value(Grip(command), value)
-        with self._lock():
-            self.ami.grip(command, mm)
-
-    def write_outputs(self, first: int, count: int, value: int) -> None:
-        """Switch `count` outputs from line `first` on to the bits of `value`. Raises MotionError: no such."""
-        with self._lock():
-            self.ami.write_outputs(first, count, value)
-
-    @property
-    def lines(self) -> tuple[int, int]:
-        """Inputs and outputs as they were at the newest sample, line 1 in bit 0."""
-        return self._seen.inputs, self._seen.outputs
-
-    @property
-    def sensors(self) -> Floats:
-        """Volts at the channels of the converter at the newest sample, NaN where not known. Shape (8,)."""
-        return self._seen.sensors
-
-    def signal(self, name: str) -> NamedSignal:
-        """The signal of that name in the deployment file. Raises ConfigError: there is none; tells which there are."""
-        choice = machine_choice()
-        known = {
-            each.name: each for each in choice.signals if choice.robot is not None and choice.robot.name == self.name
-        }
-        if name in known:
-            return known[name]
-        if not known:
-            raise ConfigError(
-                f"{self.name} has no signal {name!r}, nor any other: name them by [[arm.signals]] of the deployment "
-                "file, and start the program with `qrobot run`"
-            )
-        raise ConfigError(f"{self.name} has no signal {name!r}; it has {', '.join(sorted(known))}")
-
     # ------------------------------------------------------------------------------------------------------- end
 
     def close(self, power_off: bool = False) -> None:
@@ -422,14 +382,3 @@ def _on_machine(aki: ManipulatorKinematics, ami: RobotMachine) -> ManipulatorKin
     aki = copy(aki)
     aki.limits = narrowed
     return aki
-
-
-def _grip_value(command: Grip, value: object) -> float:
-    """Millimetres of a command that has some; 0 for the others, behind which nothing or a final 0 stands."""
-    if command not in (Grip.GRIP_CLOSE_BY, Grip.GRIP_OPEN_BY):
-        if value is None or (isinstance(value, int | float) and value == 0):
-            return 0.0
-        raise MotionError(f"gripper: {command.name} takes no value, not {value!r}")
-    if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 <= value < inf:
-        raise MotionError(f"gripper: {command.name} needs millimetres from 0 on, not {value!r}")
-    return float(value)

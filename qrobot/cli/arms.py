@@ -13,8 +13,9 @@ from qrobot.config import Robot, load_robot
 from qrobot.config.deployment import DeployedArm, load_deployment
 from qrobot.config.force_calibration import ForceCalibration, calibration_of_emulated
 from qrobot.config.identified import load_model, with_model
-from qrobot.config.outputs import BoardOutput
+from qrobot.config.outputs import BoardAnalogOutput, BoardOutput
 from qrobot.errors import ConfigError
+from qrobot.servo.analog_lines import AnalogWire, analog_params
 from qrobot.servo.calibration.table import CalibrationTable, load_table
 from qrobot.servo.laws import check_law_name
 from qrobot.servo.laws.file import is_file_law, load_law, split_name
@@ -159,6 +160,7 @@ def servo_settings(
         tool_m=tool_of_arm(arm),
         position_drives=arm.board.position_drives,
         outputs=outputs_of(arm),
+        analog_outputs=analog_outputs_of(arm),
         overrun=overrun_of(arm),
         calibration=calibration_of_arm(arm),
         pots=arm.board.pots,
@@ -202,6 +204,20 @@ def outputs_of(arm: DeployedArm) -> tuple[OutputWire, ...]:
         OutputWire(each.output, each.label, each.on_stop == "hold", each.bit if isinstance(each, BoardOutput) else None)
         for each in arm.board.lines
     ]
+    return tuple(sorted(wires, key=lambda wire: wire.output))
+
+
+def analog_outputs_of(arm: DeployedArm) -> tuple[AnalogWire, ...]:
+    """The analogue outputs of an arm, in the order of their numbers. Raises ConfigError: one would drive a motor."""
+    wires = [
+        AnalogWire(
+            each.output, each.label, each.min_v, each.max_v, each.off_volts, each.on_stop == "hold",
+            each.dac if isinstance(each, BoardAnalogOutput) else None,
+        )
+        for each in arm.board.analog_lines
+    ]  # fmt: skip
+    if wires:
+        analog_params(wires, robot_of_arm(arm).n)
     return tuple(sorted(wires, key=lambda wire: wire.output))
 
 

@@ -111,7 +111,8 @@ def status(*, where: Where | None = None) -> int:
 def _lines_line(now: ServoStatus) -> str:
     inputs = " ".join(map(str, now.inputs)) or "none"
     outputs = "".join(f", {name} {'on' if on else 'off'}" for name, on in now.outputs.items())
-    return f"hand {now.hand}, inputs on: {inputs}{outputs}"
+    analog = "".join(f", {name} {volts:.3f} V" for name, volts in now.analog_outputs.items())
+    return f"hand {now.hand}, inputs on: {inputs}{outputs}{analog}"
 
 
 def _force_line(force: tuple[float | None, ...]) -> str:

@@ -141,8 +141,13 @@ def machine_of(arms: Sequence[DeployedArm], ami: str, folder: Path | None) -> Ab
     from qrobot.cli.teach_pendant import terminal_pendant
     from qrobot.rci.machine_choice import MachineChoice, use_machine
 
-    robot, signals = (robot_of_arm(arms[0]), arms[0].named_signals) if len(arms) == 1 else (None, ())
-    return use_machine(MachineChoice(ami, folder, robot, signals, terminal_pendant))
+    if len(arms) != 1:
+        return use_machine(MachineChoice(ami, folder, pendant=terminal_pendant))
+    (arm,) = arms
+    choice = MachineChoice(
+        ami, folder, robot_of_arm(arm), arm.named_signals, terminal_pendant, analog_ranges=arm.analog_ranges
+    )
+    return use_machine(choice)
 
 
 def _fences(arms: Sequence[DeployedArm]) -> AbstractContextManager[None]:

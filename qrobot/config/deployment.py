@@ -21,7 +21,7 @@ from qrobot.config.force_calibration import ForceCalibration
 from qrobot.config.kinds import FileKind
 from qrobot.config.modbus import ModbusTransport
 from qrobot.config.modbus_io import ModbusIo
-from qrobot.config.outputs import BoardOutput, OutputLine
+from qrobot.config.outputs import AnalogOutputLine, BoardAnalogOutput, BoardOutput, OutputLine
 from qrobot.config.scene import ForceSensor, Scene
 from qrobot.config.signals import NamedSignal
 from qrobot.config.transport import PortTransport
@@ -75,6 +75,7 @@ class BoardChoice(Table):
     drives: DrivesTransport | None = None
     can_sensor: CanSensor | None = None
     outputs: tuple[BoardOutput, ...] = Field(default=(), strict=False)
+    analog_outputs: tuple[BoardAnalogOutput, ...] = Field(default=(), strict=False)
     io: tuple[ModbusIo, ...] = Field(default=(), strict=False)
 
     @model_validator(mode="after")
@@ -121,6 +122,21 @@ class BoardChoice(Table):
             if twice := [each for each in given if given.count(each) > 1]:
                 raise ValueError(f"two outputs have the same {'name' if what == 'label' else what} {twice[0]}")
         return self
+
+    @model_validator(mode="after")
+    def _has_analog_outputs_of_its_own(self) -> BoardChoice:
+        if self.analog_outputs and self.kind == "drives":
+            raise ValueError("separate drives have no converters of a board: use those of a module, [[arm.board.io]]")
+        for what in ("output", "label", "dac"):
+            given = [getattr(each, what) for each in (self.analog_outputs if what == "dac" else self.analog_lines)]
+            if twice := [each for each in given if given.count(each) > 1]:
+                raise ValueError(f"two analogue outputs have the same {'name' if what == 'label' else what} {twice[0]}")
+        return self
+
+    @property
+    def analog_lines(self) -> tuple[AnalogOutputLine, ...]:
+        """All analogue outputs of the arm, the board's own and those of modules."""
+        return (*self.analog_outputs, *(each for module in self.io for each in module.analog_outputs))
 
     @property
     def lines(self) -> tuple[OutputLine, ...]:
@@ -229,11 +245,17 @@ class DeployedArm(Table):
         if twice := [name for name in names if names.count(name) > 1]:
             raise ValueError(f"two signals or outputs have the same name {twice[0]!r}")
         there = {each.output for each in self.board.lines}
+        analog = {each.output for each in self.board.analog_lines}
         for each in self.signals:
             first, last = each.outputs or (1, 0)
             if missing := set(range(first, last + 1)) - there:
                 raise ValueError(
                     f"signal {each.name!r}: the arm has no output {min(missing)}; see [[arm.board.outputs]]"
+                )
+            if each.analog_output is not None and each.analog_output not in analog:
+                raise ValueError(
+                    f"signal {each.name!r}: the arm has no analogue output {each.analog_output}; see "
+                    "[[arm.board.analog_outputs]]"
                 )
             if each.analog is not None and each.analog not in self.servo.sensor_channels:
                 raise ValueError(f"signal {each.name!r}: channel {each.analog} is not in servo.sensor_channels")
@@ -257,12 +279,17 @@ class DeployedArm(Table):
         return self
 
     @property
+    def analog_ranges(self) -> dict[int, tuple[float, float]]:
+        """Least and most volts of the analogue outputs, by their numbers from 1."""
+        return {each.output: (each.min_v, each.max_v) for each in self.board.analog_lines}
+
+    @property
     def named_signals(self) -> tuple[NamedSignal, ...]:
         """Everything that has a name for programs: `signals`, and each output that has one of its own."""
-        own = (
-            NamedSignal(name=each.name, outputs=(each.output, each.output)) for each in self.board.lines if each.name
-        )
-        return (*self.signals, *own)
+        board = self.board
+        own = (NamedSignal(name=each.name, outputs=(each.output, each.output)) for each in board.lines if each.name)
+        analog = (NamedSignal(name=each.name, analog_output=each.output) for each in board.analog_lines if each.name)
+        return (*self.signals, *own, *analog)
 
 
 class Deployment(Table):

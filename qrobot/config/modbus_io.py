@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Final, Literal
 
 from pydantic import Field, model_validator
 
 from qrobot.config.document import Table
-from qrobot.config.outputs import OutputLine
+from qrobot.config.outputs import AnalogOutputLine, OutputLine
 
+LARGEST_NUMBER: Final = 32767  # of a signed register
 RegisterWords = Annotated[tuple[Annotated[int, Field(ge=0, le=65535)], ...], Field(min_length=1, max_length=16)]
 
 
@@ -52,6 +53,41 @@ class RemoteOutput(OutputLine):
         return self
 
 
+class RemoteAnalogOutput(AnalogOutputLine):
+    """An analogue output of the module: the holding register at `address` gets a signed number.
+
+    That is (volts + `zero_v`) / `volt_per_count`, rounded. While it is off, and until somebody says what it is to be,
+    it shows `off_v`.
+    """
+
+    address: int = Field(ge=0, le=65535)
+    volt_per_count: float = Field(allow_inf_nan=False)
+    zero_v: float = Field(default=0.0, allow_inf_nan=False)
+    off_v: float = Field(default=0.0, allow_inf_nan=False)
+
+    @property
+    def off_volts(self) -> float:
+        """See `AnalogOutputLine`."""
+        return self.off_v
+
+    @model_validator(mode="after")
+    def _fits_a_register(self) -> RemoteAnalogOutput:
+        if self.volt_per_count == 0.0:
+            raise ValueError(f"analogue output {self.output}: volt_per_count = 0 is no scale")
+        for volts in (self.min_v, self.max_v):
+            if not abs(number := (volts + self.zero_v) / self.volt_per_count) <= LARGEST_NUMBER:
+                raise ValueError(
+                    f"analogue output {self.output}: {volts:g} V would be {number:g} in its register, which takes "
+                    f"{-LARGEST_NUMBER} to {LARGEST_NUMBER}"
+                )
+        return self
+
+    def number(self, volts: float) -> int:
+        """The signed number of the register; that of `off_v` for what is not within the range."""
+        shown = volts if self.min_v <= volts <= self.max_v else self.off_v
+        return round((shown + self.zero_v) / self.volt_per_count)
+
+
 class RemoteGripper(Table):
     """A gripper that follows the hand of the arm: registers from `address` on get the words of what the hand does."""
 
@@ -75,11 +111,13 @@ class ModbusIo(Table):
     inputs: tuple[RemoteInput, ...] = Field(default=(), strict=False)
     analog: tuple[RemoteAnalog, ...] = Field(default=(), strict=False)
     outputs: tuple[RemoteOutput, ...] = Field(default=(), strict=False)
+    analog_outputs: tuple[RemoteAnalogOutput, ...] = Field(default=(), strict=False)
     gripper: RemoteGripper | None = None
 
     @model_validator(mode="after")
     def _does_something(self) -> ModbusIo:
-        if not self.inputs and not self.analog and not self.outputs and self.gripper is None:
+        lines = (*self.inputs, *self.analog, *self.outputs, *self.analog_outputs)
+        if not lines and self.gripper is None:
             raise ValueError("a module without inputs, outputs and a gripper does nothing")
         return self
 
@@ -93,4 +131,8 @@ class ModbusIo(Table):
             if (each.kind, each.address) in taken:
                 raise ValueError(f"output {each.output}: {each.kind} {each.address} has another use already")
             taken.add((each.kind, each.address))
+        for analog in self.analog_outputs:
+            if ("register", analog.address) in taken:
+                raise ValueError(f"analogue output {analog.output}: register {analog.address} has another use already")
+            taken.add(("register", analog.address))
         return self

@@ -7,39 +7,42 @@ from typing import Annotated, Final
 from pydantic import Field, model_validator
 
 from qrobot.config.document import Table
-from qrobot.config.outputs import N_OUTPUTS
+from qrobot.config.outputs import N_ANALOG_OUTPUTS, N_OUTPUTS
 
 N_BOARD_INPUTS: Final = 6  # discrete inputs of the board, 0 to 5
 N_CHANNELS: Final = 8  # of its converter
+_KINDS: Final = ("inputs", "outputs", "analog", "analog_output")
 _Input = Annotated[int, Field(ge=0, lt=N_BOARD_INPUTS)]
 _Output = Annotated[int, Field(ge=1, le=N_OUTPUTS)]
 
 
 class NamedSignal(Table):
-    """A name for lines that belong together, or for a channel of the board's converter.
+    """A name for lines that belong together, for a channel of the board's converter, or for an analogue output.
 
     `inputs` and `outputs` are the first line and the last one, numbered as those of the board and of modules are; the
     first is bit 0 of the value. `analog` is a channel that the servo samples (`servo.sensor_channels`): its value is
-    (volts - `zero_v`) x `per_volt`, in `unit`.
+    (volts - `zero_v`) x `per_volt`, in `unit`. `analog_output` is an analogue output, from 1, likewise.
     """
 
     name: str = Field(pattern=r"^[a-z][a-z0-9_]*$", max_length=32)
     inputs: tuple[_Input, _Input] | None = Field(default=None, strict=False)
     outputs: tuple[_Output, _Output] | None = Field(default=None, strict=False)
     analog: int | None = Field(default=None, ge=0, lt=N_CHANNELS)
+    analog_output: int | None = Field(default=None, ge=1, le=N_ANALOG_OUTPUTS)
     per_volt: float = Field(default=1.0, allow_inf_nan=False)
     zero_v: float = Field(default=0.0, ge=-10, le=10, allow_inf_nan=False)
     unit: str = Field(default="V", min_length=1, max_length=16)
 
     @model_validator(mode="after")
     def _names_one_thing(self) -> NamedSignal:
-        given = [kind for kind in ("inputs", "outputs", "analog") if getattr(self, kind) is not None]
+        given = [kind for kind in _KINDS if getattr(self, kind) is not None]
         if len(given) != 1:
-            raise ValueError(f"signal {self.name!r}: one of inputs, outputs and analog is needed, not {len(given)}")
+            raise ValueError(f"signal {self.name!r}: one of {', '.join(_KINDS)} is needed, not {len(given)}")
         for lines in (self.inputs, self.outputs):
             if lines is not None and lines[0] > lines[1]:
                 raise ValueError(f"signal {self.name!r}: the first line comes first, as in [{lines[1]}, {lines[0]}]")
-        if self.analog is None and {"per_volt", "zero_v", "unit"} & self.model_fields_set:
+        binary = self.analog is None and self.analog_output is None
+        if binary and {"per_volt", "zero_v", "unit"} & self.model_fields_set:
             raise ValueError(f"signal {self.name!r}: lines are numbers; per_volt, zero_v and unit are for analog")
         if self.per_volt == 0.0:
             raise ValueError(f"signal {self.name!r}: per_volt = 0 makes every voltage the same")

@@ -23,6 +23,7 @@ from functools import cached_property
 from typing import Any, Final
 
 from qrobot.arrays import Words
+from qrobot.config.outputs import N_ANALOG_OUTPUTS
 from qrobot.errors import LinkBusy, LinkError
 from qrobot.hwif.image import IMAGE_COUNT, IMAGE_WORDS
 from qrobot.hwif.registers import N_ADCS, N_ENCODERS
@@ -116,6 +117,8 @@ class PanelBlock:
     outputs: int = word()  # what it shows: the outputs of the arm, output 1 in bit 0
     discrete: int = word()  # and the DISCRETE word in force, with the board's own output lines
     analog: Words = words(N_ADCS)  # microvolts at the ADC channels; those with a potentiometer ignore it
+    analog_told: int = word()  # analogue outputs, 1 in bit 0, that somebody has said; the others are off
+    analog_outputs: Words = words(N_ANALOG_OUTPUTS)  # and what they show, microvolts
     push: Words = words(N_ENCODERS)  # micro-N.m (micro-N for prismatic joints) somebody applies to each joint
 
 

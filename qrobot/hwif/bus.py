@@ -23,7 +23,17 @@ from qrobot.errors import LinkBusy, LinkError, RemoteProtocolError
 from qrobot.hwif.board_memory import BoardMemory, Lane, fetch_image
 from qrobot.hwif.image import IMAGE_INPUTS
 from qrobot.hwif.lanes import post_operations
-from qrobot.hwif.operations import OP_FIELDS, OP_OUTPUTS, OP_READ, OP_REFERENCE, OP_WRITE, put_write
+from qrobot.hwif.operations import (
+    ALL_ANALOG,
+    MASK_32,
+    OP_ANALOG,
+    OP_FIELDS,
+    OP_OUTPUTS,
+    OP_READ,
+    OP_REFERENCE,
+    OP_WRITE,
+    put_write,
+)
 from qrobot.hwif.registers import (
     DAC,
     DAC_ZERO,
@@ -38,7 +48,6 @@ from qrobot.hwif.registers import (
 
 Operations = NDArray[np.int64]  # [k, OP_FIELDS]: kind, offset, value
 REGISTER_MASK: Final = 0xFFFF
-REFERENCE_MASK: Final = 0xFFFFFFFF  # a counter and its fraction
 NO_OPERATIONS: Final = np.zeros((0, OP_FIELDS), np.int64)
 IMAGE_TRIES: Final = 100
 IMAGE_PAUSE_S: Final = 100e-6
@@ -54,7 +63,7 @@ class BoardFacts:
         joints: encoder channels in use.
         period_ns: how often it renews its image; 0 when it does not say.
         references: it takes where the motors are to be as well (OP_REFERENCE): its drives close their own loop.
-        outputs: there are modules beside it, which take the outputs of the arm (OP_OUTPUTS).
+        outputs: there are modules beside it, which take the outputs of the arm (OP_OUTPUTS, OP_ANALOG).
     """
 
     revision: str
@@ -153,7 +162,7 @@ def check_image(image: Words) -> None:
 
 def sane_operations(operations: Operations, references: bool = False) -> Operations:
     """Filter operations by sense: register accesses at an even offset of the window, and outputs; values cut to 16
-    bits.
+    bits, of analogue outputs to 32.
 
     With `references` also those that say where a motor is to be, 32 bits each.
     """
@@ -162,14 +171,16 @@ def sane_operations(operations: Operations, references: bool = False) -> Operati
     access = ((kind == OP_READ) | (kind == OP_WRITE)) & (offset % 2 == 0)
     reference = (kind == OP_REFERENCE) & references
     outputs = (kind == OP_OUTPUTS) & (offset == 0)
-    sane: Operations = operations[inside & (access | reference | outputs)].copy()
-    sane[:, 2] &= np.where(sane[:, 0] == OP_REFERENCE, REFERENCE_MASK, REGISTER_MASK)
+    analog = (kind == OP_ANALOG) & (offset <= ALL_ANALOG)
+    sane: Operations = operations[inside & (access | reference | outputs | analog)].copy()
+    wide = (sane[:, 0] == OP_REFERENCE) | (sane[:, 0] == OP_ANALOG)
+    sane[:, 2] &= np.where(wide, MASK_32, REGISTER_MASK)
     return sane
 
 
 def for_the_transport(operations: Operations) -> Operations:
     """Filter the operations that go to the board: outputs are for the modules beside it."""
-    transport: Operations = operations[operations[:, 0] != OP_OUTPUTS]
+    transport: Operations = operations[(operations[:, 0] != OP_OUTPUTS) & (operations[:, 0] != OP_ANALOG)]
     return transport
 
 

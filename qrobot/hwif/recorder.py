@@ -25,11 +25,11 @@ from qrobot.arrays import Words
 from qrobot.errors import LinkError, LogError, ProtocolError
 from qrobot.hwif.bus import BoardFacts, Bus, Operations
 from qrobot.hwif.image import IMAGE_COUNT, IMAGE_INPUTS, IMAGE_T_NS, make_image
-from qrobot.hwif.operations import OP_OUTPUTS, OP_READ, OP_REFERENCE, OP_WRITE
+from qrobot.hwif.operations import OP_ANALOG, OP_OUTPUTS, OP_READ, OP_REFERENCE, OP_WRITE
 from qrobot.hwif.registers import N_INPUT_WORDS
 
 MAGIC: Final = "qrobot-registers 1"
-LETTERS: Final = {OP_WRITE: "w", OP_READ: "r", OP_REFERENCE: "p", OP_OUTPUTS: "o"}
+LETTERS: Final = {OP_WRITE: "w", OP_READ: "r", OP_REFERENCE: "p", OP_OUTPUTS: "o", OP_ANALOG: "a"}
 TAKES: Final = ("references", "outputs")  # what a board may take besides: facts of that name
 
 

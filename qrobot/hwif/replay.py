@@ -14,12 +14,12 @@ from qrobot.arrays import Words
 from qrobot.errors import LinkError, LinkLost, LinkTimeout, LocalProtocolError, LogError, RemoteProtocolError
 from qrobot.hwif.bus import BoardFacts, Bus, Operations, for_the_transport
 from qrobot.hwif.image import IMAGE_COUNT, IMAGE_INPUTS, IMAGE_T_NS, make_image
-from qrobot.hwif.operations import OP_FIELDS, OP_OUTPUTS, OP_READ, OP_REFERENCE, OP_WRITE
+from qrobot.hwif.operations import OP_ANALOG, OP_FIELDS, OP_OUTPUTS, OP_READ, OP_REFERENCE, OP_WRITE
 from qrobot.hwif.recorder import MAGIC, TAKES, changes, operation_text
 from qrobot.hwif.registers import N_INPUT_WORDS, register_at
 
-_OPERATION: Final = re.compile(r"(?:([wpo])([0-9a-f]{2})=(-?[0-9a-f]+)|r([0-9a-f]{2}))\Z")
-_KINDS: Final = {"w": OP_WRITE, "p": OP_REFERENCE, "o": OP_OUTPUTS}
+_OPERATION: Final = re.compile(r"(?:([wpoa])([0-9a-f]{2})=(-?[0-9a-f]+)|r([0-9a-f]{2}))\Z")
+_KINDS: Final = {"w": OP_WRITE, "p": OP_REFERENCE, "o": OP_OUTPUTS, "a": OP_ANALOG}
 _WORD: Final = re.compile(r"([0-9a-f]{2})=([0-9a-f]{1,4})\Z")
 _ERRORS: Final = {kind.__name__: kind for kind in (LinkError, LinkLost, LinkTimeout, RemoteProtocolError)}
 
@@ -83,6 +83,8 @@ def operation_name(kind: int, offset: int) -> str:
     """Name of an operation for people."""
     if kind == OP_REFERENCE:
         return f"reference {offset + 1}"
+    if kind == OP_ANALOG:
+        return f"analogue output {offset + 1}"
     return "outputs" if kind == OP_OUTPUTS else register_name(offset)
 
 

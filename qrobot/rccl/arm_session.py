@@ -15,7 +15,7 @@ from qrobot.rccl.trace import Trace
 from qrobot.rci import Link
 from qrobot.rci.sample_drivers import driver_for
 from qrobot.rci.sampled_task import SampleDriver
-from qrobot.wire import Collision, Payload, Signals
+from qrobot.wire import AnalogOutputs, Collision, Payload, Signals
 from qrobot.wire.codec import check_signal_names
 
 HEARD: Final = 3  # [A] samples in which an answer of the bridge comes
@@ -129,13 +129,25 @@ class ArmSession:
         Raises:
             MotionError: it does not take such thresholds; nothing has changed then.
         """
+        self._have_heard(collision)
+        self._collision = collision
+
+    def set_analog(self, analog: AnalogOutputs) -> None:
+        """Have analogue outputs show other volts, and wait until the servo has heard that.
+
+        Raises:
+            MotionError: it has no such output, or that does not show so much; nothing has changed then.
+        """
+        self._have_heard(analog)
+
+    def _have_heard(self, packet: Collision | AnalogOutputs) -> None:
+        """Tell the bridge, and wait for so long that it would have refused. Raises MotionError when it has."""
         with self.task():
-            self._link.tell(collision)
+            self._link.tell(packet)
             heard = self._task.tick + HEARD
         self.wait(lambda: bool(self._link.refusal) or self._task.tick >= heard)
         if self._link.refusal:
             raise MotionError(f"{self._name}: {self._link.refusal}")
-        self._collision = collision
 
     def _tell_names(self) -> None:
         """Tell a bridge that was greeted anew the names of the program's signals, and what it wants of collisions."""

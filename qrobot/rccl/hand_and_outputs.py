@@ -14,7 +14,8 @@ from qrobot.rccl.arm_session import ArmSession
 from qrobot.rccl.task import TrajectoryTask
 from qrobot.units import M_PER_MM
 from qrobot.wire import Collision, CollisionReaction, Payload
-from qrobot.wire.vocabulary import Hand
+from qrobot.wire.packets import analog_output
+from qrobot.wire.vocabulary import N_ANALOG_OUTPUTS, Hand
 
 REACTIONS: Final = ("stop", "comply", "retract")
 MOST_BACK_MM: Final = 300.0  # [A] after a collision
@@ -51,6 +52,17 @@ class HandAndOutputs:
         """
         with self._session.task():
             self._task.chg.signal(*lines)
+
+    def analog(self, output: int, volts: float) -> None:
+        """Let an analogue output of the deployment file, from 1, show `volts`. Waits for some samples.
+
+        Raises:
+            MotionError: there is no such output, or it does not show so much; nothing has changed then.
+        """
+        if isinstance(output, bool) or output not in range(1, N_ANALOG_OUTPUTS + 1):
+            raise MotionError(f"analog({output!r}): analogue outputs are 1 to {N_ANALOG_OUTPUTS}")
+        (asked,) = numbers("analog", volts)
+        self._session.set_analog(analog_output(output, asked))
 
     def log_signal(self, name: str, value: float) -> None:
         """Tell a number of this program's own, which goes into the arm's log in each cycle from the next sample on.

@@ -120,7 +120,7 @@ class OfflineLink:
         return self._state
 
     def tell(self, packet: Beside) -> None:
-        """Carry a payload, which nobody refuses here; signals and stops have no one to hear them."""
+        """Carry a payload, which nobody refuses here; the rest has no one to hear it."""
         if isinstance(packet, Payload):
             self._load = packet
             self._torques.carry(packet)

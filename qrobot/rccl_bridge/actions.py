@@ -9,7 +9,7 @@ from typing import TypeAlias
 
 from qrobot.errors import LinkError
 from qrobot.rccl_bridge.servo_interface import RobotPort, SetpointFrame
-from qrobot.wire import Collision, Payload
+from qrobot.wire import AnalogOutputs, Collision, Payload
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,13 +76,22 @@ class TakeCollision:
 
 
 @dataclass(frozen=True, slots=True)
+class TakeAnalog:
+    """Volts of analogue outputs from now on."""
+
+    analog: AnalogOutputs
+
+
+@dataclass(frozen=True, slots=True)
 class Note:
     """A line for the bridge's log."""
 
     text: str
 
 
-ServoAction: TypeAlias = Forward | BareRequest | StopArm | TakePowerAway | NameSignals | TakePayload | TakeCollision
+ServoAction: TypeAlias = (
+    Forward | BareRequest | StopArm | TakePowerAway | NameSignals | TakePayload | TakeCollision | TakeAnalog
+)
 Action: TypeAlias = SendBytes | ServoAction | Note | Close
 
 
@@ -131,3 +140,5 @@ def _tell_servo(action: ServoAction, port: RobotPort) -> None:
                 port.write_payload(action.payload)
             case TakeCollision():
                 port.write_collision(action.collision)
+            case TakeAnalog():
+                port.write_analog(action.analog)

@@ -18,7 +18,7 @@ from qrobot.servo.memory.servo_memory import ServoMemory, attach_servo_memory, l
 from qrobot.servo.memory.telemetry import SMALLEST_RING
 from qrobot.servo.payload import PayloadJudge
 from qrobot.units import NS_PER_S
-from qrobot.wire import Collision, Payload, RobotState
+from qrobot.wire import AnalogOutputs, Collision, Payload, RobotState
 from qrobot.wire.packets import NO_SIGNALS
 from qrobot.wire.robot_state import rows_of
 
@@ -107,6 +107,14 @@ class MailboxPort:
         """Tell collisions so from now on."""
         self._mailbox.request_collision(collision.thresholds, collision.reaction)
 
+    def judge_analog(self, analog: AnalogOutputs) -> str:
+        """Reason for which the arm's analogue outputs cannot be so; "" when they can."""
+        return self._mailbox.analog_objection(analog.volts)
+
+    def write_analog(self, analog: AnalogOutputs) -> None:
+        """Let analogue outputs be so from now on."""
+        self._mailbox.request_analog(analog.volts)
+
 
 class ServoPort:
     """`RobotPort` to the servo process of one arm, which may die, restart or not be there yet.
@@ -193,6 +201,17 @@ class ServoPort:
     def write_collision(self, collision: Collision) -> None:
         """Tell collisions so from now on. Raises LinkError when the servo is gone."""
         self._follow().request_collision(collision.thresholds, collision.reaction)
+
+    def judge_analog(self, analog: AnalogOutputs) -> str:
+        """Reason for which the arm's analogue outputs cannot be so; "" when they can."""
+        try:
+            return self._follow().analog_objection(analog.volts)
+        except LinkError as error:
+            return str(error)
+
+    def write_analog(self, analog: AnalogOutputs) -> None:
+        """Let analogue outputs be so from now on. Raises LinkError when the servo is gone."""
+        self._follow().request_analog(analog.volts)
 
     def _allowed(self, frame: SetpointFrame) -> SetpointFrame:
         """The frame, without a request for power that was made to the servo before this one."""

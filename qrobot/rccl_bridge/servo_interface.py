@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Protocol
 
-from qrobot.wire import Collision, Payload, RobotState
+from qrobot.wire import AnalogOutputs, Collision, Payload, RobotState
 from qrobot.wire.packets import NO_SIGNALS
 
 __all__ = ["RobotPort", "RobotState", "SetpointFrame"]
@@ -104,3 +104,9 @@ class RobotPort(Protocol):
 
     def write_collision(self, collision: Collision) -> None:
         """Tell collisions so from now on. Raises LinkError when the servo is gone."""
+
+    def judge_analog(self, analog: AnalogOutputs) -> str:
+        """Reason for which the arm's analogue outputs cannot be so; "" when they can."""
+
+    def write_analog(self, analog: AnalogOutputs) -> None:
+        """Let analogue outputs be so from now on. Raises LinkError when the servo is gone."""

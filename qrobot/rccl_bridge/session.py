@@ -25,6 +25,7 @@ from qrobot.rccl_bridge.actions import (
     Note,
     SendBytes,
     StopArm,
+    TakeAnalog,
     TakeCollision,
     TakePayload,
     TakePowerAway,
@@ -38,6 +39,7 @@ from qrobot.rccl_bridge.servo_interface import RobotState
 from qrobot.rccl_bridge.settings import BridgeSettings
 from qrobot.wire import (
     VERSION,
+    AnalogOutputs,
     Bye,
     ClientRole,
     Collision,
@@ -78,6 +80,7 @@ class Session:
         places: of observers; None keeps no count. token: what a client has to show; empty asks for none.
         judge_payload: tells why the arm cannot carry a payload, "" when it can.
         judge_collision: tells why it does not take thresholds of a collision, "" when it does.
+        judge_analog: tells why its analogue outputs cannot be so, "" when they can.
         shared_clock: other arms' bridges go by the same clock; False for an arm on a virtual time of its own.
 
     Attributes:
@@ -99,6 +102,7 @@ class Session:
         token: bytes = b"",
         judge_payload: Callable[[Payload], str] = lambda _payload: "",
         judge_collision: Callable[[Collision], str] = lambda _collision: "",
+        judge_analog: Callable[[AnalogOutputs], str] = lambda _analog: "",
         shared_clock: bool = True,
     ) -> None:
         self.label = str(peer)
@@ -118,6 +122,7 @@ class Session:
         self._servo_gone = False
         self._warnings, self._stops, self._changes = RateLimit(), RateLimit(), RateLimit()
         self._judge_payload, self._judge_collision = judge_payload, judge_collision
+        self._judge_analog = judge_analog
         self._minds_collisions = False  # in its own way, until it leaves
 
     @property
@@ -193,7 +198,7 @@ class Session:
                 return self._take_command(event, now_ns)
             case InvalidSetpoint():
                 return self._take_invalid(event, now_ns)
-            case Stop() | Signals() | Payload() | Collision():
+            case Stop() | Signals() | Payload() | Collision() | AnalogOutputs():
                 return self._take_beside(event, now_ns)
             case Hello():
                 return self._greet(event, now_ns)
@@ -249,7 +254,7 @@ class Session:
             actions.append(SendBytes(self._connection.send(warning)))
         return actions
 
-    def _take_beside(self, packet: Stop | Signals | Payload | Collision, now_ns: int) -> list[Action]:
+    def _take_beside(self, packet: Stop | Signals | Payload | Collision | AnalogOutputs, now_ns: int) -> list[Action]:
         """Take something a client says beside the sample periods."""
         return self._take_stop(packet, now_ns) if isinstance(packet, Stop) else self._take_change(packet, now_ns)
 
@@ -259,13 +264,15 @@ class Session:
         action = TakePowerAway(self.label) if stop.power_off else StopArm(self.label)
         return [action, Note(f"{self.label} {done}")] if self._stops.allows(now_ns) else [action]
 
-    def _take_change(self, change: Signals | Payload | Collision, now_ns: int) -> list[Action]:
-        """Take a change the commander makes now and then: of names of signals, of the payload, of collisions."""
+    def _take_change(self, change: Signals | Payload | Collision | AnalogOutputs, now_ns: int) -> list[Action]:
+        """Take a change the commander makes now and then: of names, of the payload, of collisions, of outputs."""
         self._heard_ns = now_ns
         if isinstance(change, Signals):
             return [NameSignals(change.names)]
         if isinstance(change, Collision):
             return self._take_collision(change, now_ns)
+        if isinstance(change, AnalogOutputs):
+            return self._take_analog(change, now_ns)
         refusal = self._judge_payload(change)
         if refusal or self._servo_gone:
             return self._object(ErrorCode.PAYLOAD_REFUSED, refusal, now_ns)
@@ -278,6 +285,12 @@ class Session:
         self._minds_collisions = True
         told = " ".join(f"{threshold:g}" for threshold in change.thresholds)
         return [TakeCollision(change), Note(f"{self.label} set thresholds of a collision: {told}")]
+
+    def _take_analog(self, change: AnalogOutputs, now_ns: int) -> list[Action]:
+        refusal = self._judge_analog(change)
+        if refusal or self._servo_gone:
+            return self._object(ErrorCode.ANALOG_REFUSED, refusal, now_ns)
+        return [TakeAnalog(change)]
 
     def _object(self, code: ErrorCode, refusal: str, now_ns: int) -> list[Action]:
         """Answer what cannot be; of a flood, some."""

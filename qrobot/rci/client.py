@@ -7,6 +7,7 @@ from typing import Final, TypeAlias
 
 from qrobot.errors import LinkBusy, LinkError, LinkLost, LinkTimeout, LocalProtocolError, RemoteProtocolError
 from qrobot.wire import (
+    AnalogOutputs,
     Bye,
     Collision,
     Command,
@@ -29,7 +30,9 @@ _REFUSALS: Final[dict[int, type[LinkError]]] = {
     ErrorCode.TIMEOUT: LinkTimeout,
 }
 
-Beside: TypeAlias = Stop | Signals | Payload | Collision
+_REFUSED: Final = (ErrorCode.PAYLOAD_REFUSED, ErrorCode.COLLISION_REFUSED, ErrorCode.ANALOG_REFUSED)
+
+Beside: TypeAlias = Stop | Signals | Payload | Collision | AnalogOutputs
 """Packets that a client sends beside the sample periods."""
 
 
@@ -39,7 +42,7 @@ class Client:
     Attributes:
         peer: the server, for people.
         warning: newest complaint of the server that did not end the conversation, "" when there was none.
-        refusal: reason for which what was told last, payload or collision, was refused; "" when it was not.
+        refusal: reason for which what was told last, payload, collision or outputs, was refused; "" when it was not.
     """
 
     def __init__(self, hello: Hello, peer: str) -> None:
@@ -57,7 +60,7 @@ class Client:
 
     def tell(self, packet: Beside) -> None:
         """Have a packet sent with the next `say`. May be called from any thread."""
-        if isinstance(packet, Payload | Collision):
+        if isinstance(packet, Payload | Collision | AnalogOutputs):
             self.refusal = ""
         self._told.append(packet)
 
@@ -117,7 +120,7 @@ class Client:
                 raise _REFUSALS.get(event.code, LinkError)(f"{self.peer} refused: {event.text}")
             case WireError():
                 self.warning = event.text
-                if event.code in (ErrorCode.PAYLOAD_REFUSED, ErrorCode.COLLISION_REFUSED):
+                if event.code in _REFUSED:
                     self.refusal = event.text
             case Bye():
                 raise LinkLost(f"{self.peer} said goodbye: {event.text or 'no reason given'}")

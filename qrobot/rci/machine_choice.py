@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Protocol
 
@@ -41,6 +41,7 @@ class MachineChoice:
         stream: folder for diagnostic streams, one for each robot that is opened.
         robot: taken in place of the packaged one of its name.
         signals: of that robot, by their names.
+        analog_ranges: least and most volts of its analogue outputs, by their numbers from 1.
         pendant: with which a person may move an arm that a program lends; None for none.
     """
 
@@ -49,6 +50,7 @@ class MachineChoice:
     robot: Robot | None = None
     signals: tuple[NamedSignal, ...] = ()
     pendant: TeachPendant | None = None
+    analog_ranges: Mapping[int, tuple[float, float]] = field(default_factory=dict)
 
 
 _choice: ContextVar[MachineChoice] = ContextVar("machine_choice", default=MachineChoice())  # noqa: B039 (immutable)

@@ -28,7 +28,7 @@ from qrobot.servo.laws import law_label
 from qrobot.servo.laws.trial_process import tried_law
 from qrobot.servo.memory.law_history import LawInForce, settings_text
 from qrobot.servo.memory.mailbox import ServoMailbox
-from qrobot.servo.memory.servo_memory import local_servo_memory
+from qrobot.servo.memory.servo_memory import describe_analog_outputs, local_servo_memory
 from qrobot.servo.memory.telemetry import Rows, TelemetryReader
 from qrobot.servo.parameters import ServoParameters, servo_parameters
 from qrobot.servo.payload import PayloadJudge
@@ -121,6 +121,7 @@ class LockstepRig:
         self.law = tried_law(settings.law, robot, settings.law_settings, period_ns, timed=False)
         self.state = make_state(self.params, self.law)
         words = local_servo_memory(robot.name, law_label(settings.law), robot.n, period_ns, RING_ROWS)
+        describe_analog_outputs(words, settings.analog_ranges)
         self.board = local_board_memory() if board is None else board
         self.mailbox = ServoMailbox(words)
         self.mail = self.mailbox.memory
@@ -204,7 +205,7 @@ class LockstepBridge:
         here, port = Peer("127.0.0.1", 0), self._port
         return Session(
             rig.robot.name, rig.robot.n, rig.lease, self._settings, here, rig.now_ns, judge_payload=port.judge_payload,
-            judge_collision=port.judge_collision, shared_clock=False,
+            judge_collision=port.judge_collision, judge_analog=port.judge_analog, shared_clock=False,
         )  # fmt: skip
 
     def transfer(self, data: bytes) -> bytes:

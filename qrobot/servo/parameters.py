@@ -18,6 +18,7 @@ from qrobot.hwif.registers import STATUS_CALIBRATED, STATUS_J6_OVERFLOW
 from qrobot.model.dynamics import DynamicsParams, FrictionParams, dynamics_params, friction_params
 from qrobot.model.transmission import TransmissionParams, transmission_params
 from qrobot.realtime.flat_record import record_of
+from qrobot.servo.analog_lines import AnalogParams, analog_params
 from qrobot.servo.calibration.table import CalibrationParams, calibration_params
 from qrobot.servo.checks.monitor_state import WatchParams, watch_params
 from qrobot.servo.kernels.interpolation_polynomials import find_form
@@ -111,6 +112,7 @@ class ServoParameters(NamedTuple):
     load_patience: int
     watch: WatchParams
     outputs: OutputParams
+    analog: AnalogParams
     fence_gate: int  # address of the kernel that judges fences, see `fences.gate`; 0 for none
     fence_words: Any  # see `fences.table`
     neighbour_patience: int  # cycles without a look at other arms, see `servo.neighbour`; 0 for none
@@ -186,6 +188,7 @@ def servo_parameters(robot: Robot, settings: ServoSettings, guarded: bool | None
             load_patience=max(ADC_PATIENCE_CYCLES, math.ceil(LOAD_PATIENCE_NS / settings.period_ns)),
             watch=watch_params(robot, settings),
             outputs=output_params(settings.outputs),
+            analog=analog_params(settings.analog_outputs, robot.n),
             fence_gate=0 if settings.fences is None else GATE.address,
             fence_words=np.zeros(N_WORDS) if settings.fences is None else np.array(settings.fences.words),
             neighbour_patience=math.ceil(PATIENCE_S * settings.rate_hz) if settings.neighbours else 0,

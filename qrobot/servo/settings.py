@@ -11,6 +11,7 @@ from qrobot.config.force_calibration import ForceCalibration
 from qrobot.errors import ConfigError
 from qrobot.fences.fence_set import FenceSet
 from qrobot.hwif.registers import N_ADCS
+from qrobot.servo.analog_lines import AnalogWire
 from qrobot.servo.calibration.table import CalibrationTable
 from qrobot.servo.kernels.interpolation_polynomials import DEFAULT_FORM, find_form
 from qrobot.servo.kernels.velocity import DEFAULT_ESTIMATOR, find_estimator
@@ -77,6 +78,7 @@ class ServoSettings:
         reduced_speed_m_s: the most that the tool's tip may move, 0 for no such limit.
         tool_m: the tool's tip from the flange, in its frame.
         outputs: lines that programs may switch.
+        analog_outputs: those that programs may set.
         calibration: the arm's table; without one it cannot be calibrated.
         pots: the arm has potentiometers. Without a table they watch over encoders that have died, and nothing else.
         fences: that the arm is stopped before; None for none.
@@ -106,6 +108,7 @@ class ServoSettings:
     reduced_speed_m_s: float = 0.0
     tool_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
     outputs: tuple[OutputWire, ...] = ()
+    analog_outputs: tuple[AnalogWire, ...] = ()
     calibration: CalibrationTable | None = None
     pots: bool = True
     fences: FenceSet | None = None
@@ -139,6 +142,11 @@ class ServoSettings:
     def law_for(self, robot: Robot) -> Law:
         """The control law, made for a robot. Raises ConfigError when it cannot be."""
         return find_law(self.law, robot, self.law_settings)
+
+    @property
+    def analog_ranges(self) -> dict[int, tuple[float, float]]:
+        """Least and most volts of the analogue outputs, by their numbers from 1."""
+        return {wire.output: (wire.least_v, wire.most_v) for wire in self.analog_outputs}
 
     @property
     def sampled_channels(self) -> frozenset[int]:

@@ -30,12 +30,12 @@ from qrobot.servo.memory.setpoint_queue import make_frame
 from qrobot.servo.memory.telemetry import N_PAYLOAD, TelemetryLayout
 from qrobot.servo.neighbour import N_NEIGHBOUR
 from qrobot.servo.parameters import ServoParameters
-from qrobot.wire.vocabulary import N_SIGNALS
+from qrobot.wire.vocabulary import N_ANALOG_OUTPUTS, N_SIGNALS
 
 # values of ADOPT
 ADOPT_NOTHING, ADOPT_BOARD, ADOPT_JUMPED = range(3)
 
-MAX_OPS: Final = 41
+MAX_OPS: Final = 49
 
 
 @dataclass(eq=False)
@@ -96,6 +96,9 @@ class ServoState:
     payload_goal: Any  # the one that it goes over to
     payload_next: Any  # the one being looked at
     model: DynamicsParams  # of the arm with its payload
+    analog_outputs: Any  # (8,) V, in force
+    analog_seen: Any  # int64[8], of what was said of them
+    analog_sent: Any  # int64[8] microvolts, last ones posted
     row: Any  # the telemetry row, see `servo.memory.telemetry`
     mode: int = 0
     fault: int = 0  # code that latched the FAULT mode
@@ -153,6 +156,7 @@ class ServoState:
     outputs_locked: int = 0  # switched off by a stop, and not let go of since
     outputs_sent: int = 0  # last ones posted
     output_stops_seen: int = 0
+    analog_powered: int = 0  # power was wanted at the last tick
     bridged: int = 0  # the knot that stands for a missing frame: 1 the newest, 2 the one before, 0 neither
     began_ns: int = 0  # when this cycle really began
     driven: int = 0  # 1: this cycle's writes drive something: power is wanted, or outputs are on that a stop ends
@@ -209,5 +213,7 @@ def make_state(params: ServoParameters, law: Law) -> ServoState:
         model=params.dynamics, speed_limit=params.speed_share, tool_speed_limit=params.tool_speed,
         fence_work=np.zeros(N_WORK), fence_rows=np.zeros(3 * N_ROWS), fence_place=vector(),
         fence_verdict=np.zeros(N_VERDICT), neighbour=np.zeros((MOST_OTHER_ARMS, N_NEIGHBOUR)),
+        analog_outputs=np.array(params.analog.off), analog_seen=np.zeros(N_ANALOG_OUTPUTS, np.int64),
+        analog_sent=np.zeros(N_ANALOG_OUTPUTS, np.int64),
         row=local_record(TelemetryLayout(n).source_dtype),
     ))  # fmt: skip

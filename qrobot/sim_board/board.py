@@ -38,7 +38,7 @@ from qrobot.hwif.image import (
     make_image,
 )
 from qrobot.hwif.lanes import operation_is_early, take_operation
-from qrobot.hwif.operations import OP_FIELDS, OP_OUTPUTS, OP_READ, OP_WRITE
+from qrobot.hwif.operations import ALL_ANALOG, OP_ANALOG, OP_FIELDS, OP_OUTPUTS, OP_READ, OP_WRITE, signed_microvolts
 from qrobot.hwif.registers import (
     ADC_F_CHANNEL_SHIFT,
     ADC_MUX,
@@ -211,8 +211,20 @@ def _apply(board: BoardState, memory: BoardMemory, lane: int, t_ns: int) -> None
             _start_conversion(board, memory, t_ns)
     elif kind == OP_OUTPUTS:
         memory.panel.outputs = value & _WORD
+    elif kind == OP_ANALOG and 0 <= offset <= ALL_ANALOG:
+        _show_analog(memory, offset, value)
     else:
         memory.facts.illegal_ops += 1
+
+
+@lean_kernel
+def _show_analog(memory: BoardMemory, output: int, value: int) -> None:
+    """Let the panel show an analogue output, or all of them off."""
+    if output == ALL_ANALOG:
+        memory.panel.analog_told = 0
+    else:
+        memory.panel.analog_outputs[output] = signed_microvolts(value)
+        memory.panel.analog_told |= 1 << output
 
 
 @lean_kernel

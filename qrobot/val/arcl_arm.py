@@ -165,6 +165,10 @@ class ArclArm:
             bit = 1 << (abs(line) - 1)
             self._outputs = self._outputs | bit if line > 0 else self._outputs & ~bit
 
+    def analog(self, output: int, volts: float) -> None:
+        """See `ValArm`."""
+        self._rp.write_analog(output, volts)
+
     def sample(self) -> None:
         """See `ValArm`."""
         before = self._rp.ami.sample

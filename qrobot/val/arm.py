@@ -97,5 +97,8 @@ class ValArm(Protocol):
     def signal(self, *lines: int) -> None:
         """Switch outputs, now; negative ones off."""
 
+    def analog(self, output: int, volts: float) -> None:
+        """Let an analogue output, from 1, show `volts`. Raises MotionError: there is none, or it does not show that."""
+
     def sample(self) -> None:
         """Let one sample pass. Raises QRobotError when the arm is lost."""

@@ -22,13 +22,14 @@ from qrobot.val import tree
 from qrobot.val.beside import beside_programs
 from qrobot.val.evaluate import location_of, number_of
 from qrobot.val.fenced_place import fence_refusal
-from qrobot.val.machine import no_signal
+from qrobot.val.machine import no_analog_output, no_signal
 from qrobot.val.signal_lines import SignalLines
 from qrobot.val.signatures import expressions_in, parts_of
 from qrobot.val.source import SourceFile, read_source
 from qrobot.val.structure import jumps_of
 from qrobot.val.values import JointLocation, Transformation, ValValue, joint_location, transformation
 from qrobot.val.vocabulary import (
+    ANALOG_OUTPUTS,
     INPUTS,
     INTERNAL,
     LOCATION_VALUES,
@@ -120,6 +121,7 @@ class _Checker:
         yield from self._words(action)
         yield from self._calls(action)
         yield from self._signals(action)
+        yield from self._analog(action)
         yield from self._places(action)
         yield from self._values(action)
 
@@ -156,11 +158,8 @@ class _Checker:
 
     def _signals(self, action: tree.StepAction) -> Iterator[ProgramError]:
         for expression, switched in _signal_numbers(action):
-            try:
-                number = abs(number_of(expression, self))
-            except QRobotError:
-                continue  # only a run can tell
-            if refusal := self._signal_refusal(number, switched):
+            number = self._constant(expression)
+            if number is not None and (refusal := self._signal_refusal(abs(number), switched)):
                 yield ProgramError(refusal, column=1)
 
     def _signal_refusal(self, number: float, switched: bool) -> str:
@@ -175,6 +174,24 @@ class _Checker:
             return ""
         self._told.add(number)
         return self._lines.refusal(int(number))
+
+    def _analog(self, action: tree.StepAction) -> Iterator[ProgramError]:
+        if not isinstance(action, tree.NumberedAssignment) or action.word != "DAC":
+            return
+        number, volts = self._constant(action.number), self._constant(action.value)
+        if number is None:
+            return
+        if number not in ANALOG_OUTPUTS:
+            yield ProgramError(no_analog_output(number), column=1)
+        elif self._lines is not None and (refusal := self._lines.analog_refusal(int(number), volts)):
+            yield ProgramError(refusal, column=1)
+
+    def _constant(self, expression: tree.Expression) -> float | None:
+        """The value of a number that is constant; None where only a run can tell."""
+        try:
+            return number_of(expression, self)
+        except QRobotError:
+            return None
 
     def _places(self, action: tree.StepAction) -> Iterator[ProgramError]:
         if not isinstance(action, tree.Instruction) or action.word not in _MOTIONS or action.arguments[0] is None:

@@ -24,7 +24,7 @@ only_variable: variable
     | variable "=" expression                                        -> assignment
     | SET location_variable "=" expression                           -> setting
     | SPEED expression MMPS? ALWAYS?                                 -> speed
-    | TIMER expression "=" expression                                -> numbered
+    | (TIMER | DAC) expression "=" expression                                -> numbered
     | PARAMETER NAME "=" expression                                  -> parameter
     | (ENABLE | DISABLE) NAME ("," NAME)*                            -> switch
     | DECOMPOSE NAME "[" "]" "=" expression                          -> decompose
@@ -82,6 +82,7 @@ REACTION.3: {_words(*REACTIONS)}
             "SET",
             "SPEED",
             "TIMER",
+            "DAC",
             "PARAMETER",
             "ENABLE",
             "DISABLE",

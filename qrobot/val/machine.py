@@ -15,7 +15,7 @@ from qrobot.val.parser import parse_variable
 from qrobot.val.source import SourceFile, stored_name
 from qrobot.val.tree import NumberLiteral, ValProgram, VariableName
 from qrobot.val.values import JointLocation, Transformation, ValValue, joint_location, stored_numbers, transformation
-from qrobot.val.vocabulary import INPUTS, INTERNAL, OUTPUTS, SWITCHES, taken
+from qrobot.val.vocabulary import ANALOG_OUTPUTS, INPUTS, INTERNAL, OUTPUTS, SWITCHES, taken
 from qrobot.val.workspace import Workspace
 
 DEFAULT_MONITOR_SPEED: Final = 50.0  # percent; V+'s, recalled
@@ -125,6 +125,12 @@ class Machine:
         else:
             raise ProgramError(no_signal(number))
 
+    def set_analog(self, output: int, volts: float) -> None:
+        """Let an analogue output show `volts`. Raises ProgramError: no such output; MotionError: not so many volts."""
+        if output not in ANALOG_OUTPUTS:
+            raise ProgramError(no_analog_output(output))
+        self.arm.analog(output, volts)
+
     def reset_signals(self) -> None:
         """Switch all outputs off."""
         self.arm.signal(*(-number for number in OUTPUTS))
@@ -229,6 +235,11 @@ def no_signal(number: int) -> str:
     kinds = (("outputs", OUTPUTS), ("inputs", INPUTS), ("internal ones", INTERNAL))
     told = ", ".join(f"{name} {numbers.start} to {numbers.stop - 1}" for name, numbers in kinds)
     return f"there is no signal {abs(number)}; there are {told}"
+
+
+def no_analog_output(number: float) -> str:
+    """Words for an analogue output that there is not."""
+    return f"there is no analogue output {number:g}; there are {ANALOG_OUTPUTS.start} to {ANALOG_OUTPUTS.stop - 1}"
 
 
 def _timer(number: float) -> int:

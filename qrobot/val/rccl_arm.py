@@ -143,6 +143,10 @@ class RcclArm:
         """See `ValArm`."""
         self._channel.signal(*lines)
 
+    def analog(self, output: int, volts: float) -> None:
+        """See `ValArm`."""
+        self._channel.analog(output, volts)
+
     def sample(self) -> None:
         """See `ValArm`."""
         before = self._channel.how.t_ns

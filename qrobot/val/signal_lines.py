@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import Final
 
 from qrobot.config.deployment import DeployedArm
@@ -18,9 +19,24 @@ class SignalLines:
 
     Attributes:
         outputs: numbers of the outputs that the deployment file configures, the board's own and those of modules.
+        analog: least and most volts of its analogue outputs, by their numbers.
     """
 
     outputs: frozenset[int]
+    analog: Mapping[int, tuple[float, float]] = field(default_factory=dict)
+
+    def analog_refusal(self, number: int, volts: float | None) -> str:
+        """Reason against an analogue output, and against volts of it where they are known; "" for none."""
+        if number not in self.analog:
+            there = ", ".join(map(str, sorted(self.analog))) or "none"
+            return (
+                f"analogue output {number} is not configured; the deployment file has {there}: "
+                "add it to [[arm.board.analog_outputs]], or to a module's"
+            )
+        least, most = self.analog[number]
+        if volts is not None and not least <= volts <= most:
+            return f"analogue output {number}: {volts:g} V is not within {least:g} to {most:g} V"
+        return ""
 
     def refusal(self, number: int) -> str:
         """Reason against an output or input that has no line; "" for none, and for signals of other kinds."""
@@ -38,4 +54,4 @@ class SignalLines:
 
 def signal_lines_of(arm: DeployedArm) -> SignalLines:
     """The lines of an arm of a deployment file."""
-    return SignalLines(frozenset(each.output for each in arm.board.lines))
+    return SignalLines(frozenset(each.output for each in arm.board.lines), arm.analog_ranges)

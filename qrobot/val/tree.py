@@ -124,7 +124,7 @@ class Assignment:
 
 @dataclass(frozen=True)
 class NumberedAssignment:
-    """`TIMER n = e`."""
+    """`TIMER n = e`, or `DAC n = e`."""
 
     word: str
     number: Expression

@@ -38,8 +38,12 @@ def _decompose(run: Interpreter, task: ValTask, action: tree.Decomposition) -> N
         run.machine.store(task.key_of(target), float(number))
 
 
-def _timer(run: Interpreter, task: ValTask, action: tree.NumberedAssignment) -> None:
-    run.machine.set_timer(number_of(action.number, task), number_of(action.value, task))
+def _set_numbered(run: Interpreter, task: ValTask, action: tree.NumberedAssignment) -> None:
+    value = number_of(action.value, task)
+    if action.word == "DAC":
+        run.machine.set_analog(whole_number_of(action.number, task), value)
+    else:
+        run.machine.set_timer(number_of(action.number, task), value)
 
 
 def _signal(run: Interpreter, task: ValTask, *numbers: tree.Expression) -> None:
@@ -110,7 +114,7 @@ WORDS: Final[dict[str, Callable[..., Waits | None]]] = {
 }
 ACTIONS: Final[dict[type, Callable[..., Waits | None]]] = {
     tree.Assignment: _assign,
-    tree.NumberedAssignment: _timer,
+    tree.NumberedAssignment: _set_numbered,
     tree.Decomposition: _decompose,
     tree.TypeOut: _type_out,
     tree.PromptFor: _prompt,

@@ -57,7 +57,20 @@ MANNERS: Final[dict[str, tuple[str, ...]]] = {
 REACTIONS: Final = ("REACT", "REACTI")
 STRUCTURE: Final = (
     *("IF", "THEN", "ELSE", "WHILE", "DO", "UNTIL", "FOR", "TO", "STEP", "CASE", "OF", "VALUE", "ANY", "END", "GOTO"),
-    *("CALL", "SET", "SPEED", "TIMER", "PARAMETER", "ENABLE", "DISABLE", "DECOMPOSE", "TYPE", "PROMPT", "PCEXECUTE"),
+    *(
+        "CALL",
+        "SET",
+        "SPEED",
+        "TIMER",
+        "DAC",
+        "PARAMETER",
+        "ENABLE",
+        "DISABLE",
+        "DECOMPOSE",
+        "TYPE",
+        "PROMPT",
+        "PCEXECUTE",
+    ),
     *("SIGNAL", "REACT", "REACTI", "REACTE", "AND", "OR", "NOT", "MOD"),
 )
 RESERVED: Final = frozenset({*INSTRUCTIONS, *MANNERS, *STRUCTURE})
@@ -75,6 +88,7 @@ FORMS: Final[dict[str, str]] = {
     "SET": "SET location variable = location",
     "SPEED": "SPEED number, then MMPS and ALWAYS if need be",
     "TIMER": "TIMER number = number",
+    "DAC": "DAC output = volts",
     "PARAMETER": "PARAMETER name = number",
     "ENABLE": "ENABLE switch",
     "DISABLE": "DISABLE switch",
@@ -106,7 +120,7 @@ def form_of(word: str) -> str:
 
 UNSUPPORTED: Final = frozenset(
     {
-        *("GRASP", "DRAW", "MOVET", "MOVEST", "MOVESF", "MOVEF", "NEST", "IFSIG", "ALTER", "ALTOUT", "NOALTER", "DAC"),
+        *("GRASP", "DRAW", "MOVET", "MOVEST", "MOVESF", "MOVEF", "NEST", "IFSIG", "ALTER", "ALTOUT", "NOALTER"),
         *("RELAX", "RELAXI", "SHIFT", "INVERT", "INVERSE", "FRAME", "TYPEI", "GOSUB", "SETI", "INT", "CYCLE", "ADC"),
         *("ATTACH", "DETACH", "BITS", "EDIT", "DURATION", "ACCEL", "SINGLE", "MULTIPLE", "READ", "WRITE", "PCEND"),
         *("PCABORT", "PENDANT", "WEAVE", "NOOVERLAP", "OVERLAP", "INTON", "INTOFF", "INTOFF", "CPON", "CPOFF"),
@@ -155,6 +169,7 @@ PARAMETERS: Final = ("HAND.TIME",)
 OUTPUTS: Final = range(1, 17)
 INPUTS: Final = range(1001, 1033)
 INTERNAL: Final = range(2001, 2033)
+ANALOG_OUTPUTS: Final = range(1, 9)
 """Numbers of signals, recalled; the outputs are as many as the wire to the robot has."""
 
 

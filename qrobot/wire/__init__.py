@@ -8,6 +8,7 @@ docs/reference/wire-protocol.md is the page for those who write the other end in
 from qrobot.modecodes import Mode
 from qrobot.wire.connection import Connection, InvalidSetpoint, WireEvent
 from qrobot.wire.packets import (
+    AnalogOutputs,
     Bye,
     Collision,
     Command,
@@ -41,6 +42,7 @@ __all__ = [
     "MAX_JOINTS",
     "SHORTEST_PERIOD_US",
     "VERSION",
+    "AnalogOutputs",
     "Bye",
     "ClientRole",
     "Collision",

@@ -20,6 +20,7 @@ from qrobot.wire.framing import (
     unpack_with_rest,
 )
 from qrobot.wire.packets import (
+    AnalogOutputs,
     Bye,
     Collision,
     Command,
@@ -38,6 +39,7 @@ from qrobot.wire.vocabulary import (
     LONGEST_PERIOD_US,
     LONGEST_SIGNAL,
     MAX_JOINTS,
+    N_ANALOG_OUTPUTS,
     N_SIGNALS,
     SHORTEST_PERIOD_US,
     ClientRole,
@@ -298,6 +300,17 @@ def _decode_collision(frame: bytes) -> Collision:
     return Collision(tuple(thresholds), reaction, t_ns)
 
 
+def _encode_analog(packet: AnalogOutputs) -> bytes:
+    if len(packet.volts) != N_ANALOG_OUTPUTS:
+        raise LocalProtocolError(f"ANALOG with {len(packet.volts)} outputs: {N_ANALOG_OUTPUTS} numbers, NaN for none")
+    return pack(layout.ANALOG, 0, 0, 0, packet.t_ns, *packet.volts)
+
+
+def _decode_analog(frame: bytes) -> AnalogOutputs:
+    t_ns, *volts = unpack(layout.ANALOG, 0, frame)[_FIRST - 1 :]
+    return AnalogOutputs(tuple(nan if isnan(volt) else volt for volt in volts), t_ns)
+
+
 _ENCODERS: Final[dict[type, Callable[[Any], bytes]]] = {
     Hello: _encode_hello,
     Welcome: _encode_welcome,
@@ -309,6 +322,7 @@ _ENCODERS: Final[dict[type, Callable[[Any], bytes]]] = {
     Signals: _encode_signals,
     Payload: _encode_payload,
     Collision: _encode_collision,
+    AnalogOutputs: _encode_analog,
 }
 _DECODERS: Final[dict[int, Callable[[bytes], Packet]]] = {
     layout.HELLO.kind: _decode_hello,
@@ -321,4 +335,5 @@ _DECODERS: Final[dict[int, Callable[[bytes], Packet]]] = {
     layout.SIGNALS.kind: _decode_signals,
     layout.PAYLOAD.kind: _decode_payload,
     layout.COLLISION.kind: _decode_collision,
+    layout.ANALOG.kind: _decode_analog,
 }

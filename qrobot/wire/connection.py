@@ -175,4 +175,4 @@ def _judged(packet: Packet) -> WireEvent:
 
 
 def _name(packet: Packet) -> str:
-    return "ERROR" if isinstance(packet, WireError) else type(packet).__name__.upper()
+    return "ERROR" if isinstance(packet, WireError) else word_of(packet).value.split()[0]

@@ -13,7 +13,7 @@ from struct import Struct
 from typing import Final
 
 from qrobot.wire.robot_state import StateRow, StateTable, rows_of
-from qrobot.wire.vocabulary import N_SIGNALS, SIGNAL_NAME_BYTES
+from qrobot.wire.vocabulary import N_ANALOG_OUTPUTS, N_SIGNALS, SIGNAL_NAME_BYTES
 
 MAGIC: Final = b"QROB"
 HEADER_BYTES: Final = 24
@@ -249,7 +249,15 @@ COLLISION: Final = Layout(
     ),
 )
 
-LAYOUTS: Final = (HELLO, WELCOME, COMMAND, STATE, ERROR, BYE, STOP, SIGNALS, PAYLOAD, COLLISION)
+ANALOG: Final = Layout(
+    11,
+    "ANALOG",
+    "client",
+    "what analogue outputs are to be from now on",
+    (Field("volt", "d", "V", "outputs 1 to 8; NaN for one that stays as it is", N_ANALOG_OUTPUTS),),
+)
+
+LAYOUTS: Final = (HELLO, WELCOME, COMMAND, STATE, ERROR, BYE, STOP, SIGNALS, PAYLOAD, COLLISION, ANALOG)
 _BY_KIND: Final = {shape.kind: shape for shape in LAYOUTS}
 
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Final, TypeAlias
 
 from qrobot.wire.robot_state import StateTable, again
-from qrobot.wire.vocabulary import N_SENSORS, N_SIGNALS, ClientRole
+from qrobot.wire.vocabulary import N_ANALOG_OUTPUTS, N_SENSORS, N_SIGNALS, ClientRole
 
 Values: TypeAlias = tuple[float, ...]
 
@@ -95,6 +95,7 @@ class RobotState(StateTable[Values]):
 
     force: Values = again(StateTable, "force", (0.0,) * 6)
     sensors: Values = again(StateTable, "sensors", (0.0,) * N_SENSORS)
+    analog_outputs: Values = again(StateTable, "analog_outputs", (0.0,) * N_ANALOG_OUTPUTS)
 
     @property
     def n(self) -> int:
@@ -191,4 +192,19 @@ class Collision:
     t_ns: int = 0
 
 
-Packet: TypeAlias = Hello | Welcome | Command | State | WireError | Bye | Stop | Signals | Payload | Collision
+@dataclass(frozen=True, slots=True)
+class AnalogOutputs:
+    """Analogue outputs from now on: volts of outputs 1 to 8, NaN for those that stay as they are. Shape (8,)."""
+
+    volts: Values
+    t_ns: int = 0
+
+
+def analog_output(output: int, volts: float) -> AnalogOutputs:
+    """The packet by which one analogue output, from 1, shows other volts."""
+    return AnalogOutputs(tuple(volts if k == output else math.nan for k in range(1, N_ANALOG_OUTPUTS + 1)))
+
+
+Packet: TypeAlias = (
+    Hello | Welcome | Command | State | WireError | Bye | Stop | Signals | Payload | Collision | AnalogOutputs
+)

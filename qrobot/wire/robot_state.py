@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, fields
 from typing import Any, Generic, TypeVar
 
 from qrobot.faultcodes import NO_JOINT
-from qrobot.wire.vocabulary import N_SENSORS, RobotFlag
+from qrobot.wire.vocabulary import N_ANALOG_OUTPUTS, N_SENSORS, RobotFlag
 
 VectorT = TypeVar("VectorT")
 
@@ -91,6 +91,7 @@ class StateTable(Generic[VectorT]):
         "at the channels of the board's converter that the servo samples; NaN where one does not answer",
         N_SENSORS,
     )
+    analog_outputs: VectorT = told("", "V", "analogue outputs in force; no business of packets", N_ANALOG_OUTPUTS)
 
     @property
     def powered(self) -> bool:

@@ -4,7 +4,8 @@ Rules:
 
 * both ends run the same table on the same conversation; what matters is which side speaks and what it says;
 * the client greets, the server welcomes it as commander or observer, or refuses it with a fatal error;
-* STATE flows from the server to everybody who is in; COMMAND, SIGNALS, PAYLOAD and COLLISION only from the commander;
+* STATE flows from the server to everybody who is in; COMMAND, SIGNALS, PAYLOAD, COLLISION and ANALOG
+  only from the commander;
 * anybody who is in may ask for a STOP;
 * an error that is not fatal changes nothing, a fatal one or a BYE ends the conversation for both;
 * what is not in the table is a protocol error: a local one for the speaker, a remote one for the listener;
@@ -17,6 +18,7 @@ from enum import Enum
 from typing import Final
 
 from qrobot.wire.packets import (
+    AnalogOutputs,
     Bye,
     Collision,
     Command,
@@ -69,6 +71,7 @@ class PacketClass(Enum):
     SIGNALS = "SIGNALS"
     PAYLOAD = "PAYLOAD"
     COLLISION = "COLLISION"
+    ANALOG = "ANALOG"
 
 
 _CLIENT_LEAVES: Final = {(Side.CLIENT, PacketClass.BYE): Conversation.ENDED}
@@ -95,6 +98,7 @@ TRANSITIONS: Final[dict[Conversation, dict[tuple[Side, PacketClass], Conversatio
         (Side.CLIENT, PacketClass.SIGNALS): Conversation.COMMANDING,
         (Side.CLIENT, PacketClass.PAYLOAD): Conversation.COMMANDING,
         (Side.CLIENT, PacketClass.COLLISION): Conversation.COMMANDING,
+        (Side.CLIENT, PacketClass.ANALOG): Conversation.COMMANDING,
         (Side.SERVER, PacketClass.WARNING): Conversation.COMMANDING,
         **_EITHER_ENDS,
     },
@@ -116,6 +120,7 @@ _PLAIN_WORDS: Final[dict[type, PacketClass]] = {
     Signals: PacketClass.SIGNALS,
     Payload: PacketClass.PAYLOAD,
     Collision: PacketClass.COLLISION,
+    AnalogOutputs: PacketClass.ANALOG,
 }
 
 

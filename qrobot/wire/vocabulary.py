@@ -21,6 +21,7 @@ LARGEST_OVERRIDE: Final = 1.0
 
 N_SENSORS: Final = 8  # channels of the board's converter
 N_SIGNALS: Final = 8  # numbers that a program tells beside its setpoints
+N_ANALOG_OUTPUTS: Final = 8
 LONGEST_SIGNAL: Final = 31  # bytes of the name of one
 SIGNAL_NAME_BYTES: Final = 256  # of all names, a blank between two
 
@@ -103,6 +104,7 @@ class ErrorCode(IntEnum):
     SLOW_READER = 11
     PAYLOAD_REFUSED = 12
     COLLISION_REFUSED = 13
+    ANALOG_REFUSED = 14
 
 
 ERROR_MEANING: Final[dict[ErrorCode, tuple[bool, str]]] = {
@@ -122,5 +124,6 @@ ERROR_MEANING: Final[dict[ErrorCode, tuple[bool, str]]] = {
         False,
         "the arm takes no such thresholds of a collision; those before count",
     ),
+    ErrorCode.ANALOG_REFUSED: (False, "the arm has no such analogue output, or not so many volts; none has changed"),
 }
 """Code to (does the connection end, what it means)."""

@@ -23,6 +23,7 @@ from qrobot.rccl_bridge.mailbox_port import MailboxPort
 from qrobot.rccl_bridge.places import Places
 from qrobot.rccl_bridge.session import Peer
 from qrobot.wire import (
+    AnalogOutputs,
     Bye,
     ClientRole,
     Collision,
@@ -76,6 +77,7 @@ class Client:
             START_NS,
             judge_payload=port.judge_payload,
             judge_collision=port.judge_collision,
+            judge_analog=port.judge_analog,
             shared_clock=shared_clock,
         )
         self.closed = ""
@@ -625,6 +627,20 @@ def test_a_payload_is_taken_or_refused_with_the_reason(port: FakePort, lease: Le
     client.wait(PERIOD_NS)
     client.wait(1_000_000_000)
     assert "the servo is away" in client.say(Payload(1.0))[0].text
+
+
+def test_analogue_outputs_are_taken_or_refused_and_an_observer_says_none(port: FakePort, lease: Lease) -> None:
+    client = Client(port, lease).join()
+    asked = AnalogOutputs((nan, 2.5) + (nan,) * 6)
+    assert client.say(asked) == []
+    assert str(port.analog) == str(asked)  # NaN is not equal to itself
+    (refusal,) = client.say(AnalogOutputs((6.0, *(nan,) * 7)))
+    assert (refusal.code, refusal.fatal) == (ErrorCode.ANALOG_REFUSED, False)
+    assert str(port.analog) == str(asked)
+    port.running = False
+    client.wait(PERIOD_NS)
+    client.wait(1_000_000_000)
+    assert "the servo is away" in client.say(asked)[0].text
 
 
 def test_thresholds_of_a_collision_are_taken_or_refused_until_the_commander_leaves(

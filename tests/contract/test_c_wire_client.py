@@ -15,6 +15,7 @@ import threading
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
+from math import nan
 from pathlib import Path
 from zlib import crc32
 
@@ -23,6 +24,7 @@ import pytest
 from qrobot.errors import RemoteProtocolError
 from qrobot.printable import CONTROL_RANGES, printable
 from qrobot.wire import (
+    AnalogOutputs,
     Bye,
     ClientRole,
     Collision,
@@ -177,11 +179,12 @@ def test_what_is_said_beside_the_periods_is_what_the_codec_makes_of_it(client: P
     load = Payload(2.5, (0.1, 0.2, 0.3), (1.0, 2.0, 3.0, 4.0, 5.0, 6.0), 3)
     names = tuple(str(k) * 30 for k in "abcdefgh")
     met = Collision((30.0, 40.0, 20.0, 2.0, 2.0, 0.0), CollisionReaction.COMPLY, 5)
-    packets = Stop(t_ns=1), load, met, Signals(names, 2), Stop(power_off=True, t_ns=4)
+    volts = AnalogOutputs((nan, 2.5, nan, nan, nan, nan, nan, -1.0), 6)
+    packets = Stop(t_ns=1), load, met, volts, Signals(names, 2), Stop(power_off=True, t_ns=4)
     lines = ask(client, "others", " ".join(names), "2.5")
     assert lines == [f"made {encode(packet).hex()}" for packet in packets]
     for wrong in ("1st", "two  blanks", " before", "behind ", "grö", "x" * 32, "a b c d e f g h i", "ab a b ab"):
-        assert ask(client, "others", wrong, "1")[3].startswith("refused signals")
+        assert ask(client, "others", wrong, "1")[4].startswith("refused signals")
 
 
 @pytest.mark.parametrize("reason", ["", "done", "x" * 512, "x" * 600, "x" * 511 + "é"])

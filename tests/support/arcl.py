@@ -39,7 +39,12 @@ from qrobot.rccl.c.program import rccl_dispatcher
 from qrobot.rci.machine_choice import MachineChoice, TeachPendant, use_machine
 
 EXAMPLES = Path(__file__).parents[2] / "examples/arcl"
-SIGNALS = (NamedSignal(name="lamps", outputs=(3, 4)), NamedSignal(name="pressure", analog=6, per_volt=2.0, unit="bar"))
+SIGNALS = (
+    NamedSignal(name="lamps", outputs=(3, 4)),
+    NamedSignal(name="pressure", analog=6, per_volt=2.0, unit="bar"),
+    NamedSignal(name="power", analog_output=2, per_volt=20.0, unit="percent"),
+)
+ANALOG_RANGES = {2: (0.0, 5.0)}
 PARK = (0.0, 90.0, -90.0, 0.0, 90.0, 0.0)  # degrees
 
 
@@ -116,7 +121,7 @@ def run_c(
 ) -> int:
     """A program in C off line, with its streams in a folder; its exit status."""
     try:
-        with use_machine(MachineChoice(ami, folder, load_robot("puma560"), SIGNALS, pendant)):
+        with use_machine(MachineChoice(ami, folder, load_robot("puma560"), SIGNALS, pendant, ANALOG_RANGES)):
             return run_served(program, arguments, [rccl_dispatcher(), ArclDispatcher])
     finally:
         forget_programs()

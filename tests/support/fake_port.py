@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from qrobot.errors import LinkError
 from qrobot.rccl_bridge import RobotState, SetpointFrame
-from qrobot.wire import Collision, JointMode, Mode, Payload, RobotFlag
+from qrobot.wire import AnalogOutputs, Collision, JointMode, Mode, Payload, RobotFlag
 from tests.support.packets import resting
 
 
@@ -85,6 +85,14 @@ class FakePort:
         if not self.running:
             raise LinkError("the fake servo is away")
         self.collision = collision
+
+    def judge_analog(self, analog: AnalogOutputs) -> str:
+        return "" if not max(analog.volts) > 5 else "more than this output shows"
+
+    def write_analog(self, analog: AnalogOutputs) -> None:
+        if not self.running:
+            raise LinkError("the fake servo is away")
+        self.analog = analog
 
     def restart(self) -> None:
         """As after `kill -9` and a new start: no power, nothing moves."""

@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 
 from qrobot.printable import printable
 from qrobot.wire import (
+    AnalogOutputs,
     Bye,
     ClientRole,
     Collision,
@@ -26,7 +27,7 @@ from qrobot.wire import (
     WireError,
 )
 from qrobot.wire.layout import NAME_BYTES
-from qrobot.wire.vocabulary import N_SIGNALS
+from qrobot.wire.vocabulary import N_ANALOG_OUTPUTS, N_SIGNALS
 
 U8, U16, U32 = (st.integers(0, (1 << bits) - 1) for bits in (8, 16, 32))
 T_NS = st.integers(-(1 << 63), (1 << 63) - 1)
@@ -83,6 +84,7 @@ PAYLOADS = st.builds(Payload, mass=NUMBERS, centre=vectors(3), inertia=vectors(6
 COLLISIONS = JOINTS.flatmap(
     lambda n: st.builds(Collision, thresholds=vectors(n), reaction=st.integers(0, 1), t_ns=T_NS)
 )
+ANALOGS = st.builds(AnalogOutputs, volts=vectors(N_ANALOG_OUTPUTS, NUMBERS | st.just(nan)), t_ns=T_NS)
 PACKETS = st.one_of(
     HELLOS,
     WELCOMES,
@@ -94,6 +96,7 @@ PACKETS = st.one_of(
     SIGNALS,
     PAYLOADS,
     COLLISIONS,
+    ANALOGS,
 )
 
 

@@ -27,7 +27,7 @@ from qrobot.hwif.image import (
     make_image,
 )
 from qrobot.hwif.lanes import take_operation
-from qrobot.hwif.operations import OP_FIELDS, OP_OUTPUTS, OP_REFERENCE
+from qrobot.hwif.operations import OP_ANALOG, OP_FIELDS, OP_OUTPUTS, OP_REFERENCE
 from qrobot.hwif.registers import (
     DAC,
     DAC_ZERO,
@@ -43,6 +43,7 @@ from qrobot.model.transmission import joint_to_counts, transmission_params
 from qrobot.realtime.flat_record import block_of
 from qrobot.realtime.jit import jit_disabled, lean_kernel
 from qrobot.realtime.structure import view_words
+from qrobot.servo.analog_lines import AnalogWire
 from qrobot.servo.laws import find_law
 from qrobot.servo.laws.law import Law
 from qrobot.servo.memory.mailbox import ServoMailbox
@@ -133,6 +134,7 @@ class ServoBench:
         writes: every register write, oldest first.
         references: where the motors are to be, by joint, as last posted.
         outputs: what modules beside the board were told, oldest first.
+        analog: what they were told last of analogue outputs, from 0, microvolts.
     """
 
     def __init__(
@@ -151,6 +153,7 @@ class ServoBench:
         obeys_model: bool = False,
         position_drives: bool = False,
         outputs: tuple[OutputWire, ...] = (),
+        analog_outputs: tuple[AnalogWire, ...] = (),
         board_timeout_ms: float = 1.0,
         reduced_speed_m_s: float = 0.0,
         tool_m: tuple[float, float, float] = (0.0, 0.0, 0.0),
@@ -166,6 +169,7 @@ class ServoBench:
             overrun=overrun,
             position_drives=position_drives,
             outputs=outputs,
+            analog_outputs=analog_outputs,
             board_timeout_ms=board_timeout_ms,
             reduced_speed_m_s=reduced_speed_m_s,
             pots=False,
@@ -193,6 +197,7 @@ class ServoBench:
         self.writes: list[Write] = []
         self.references: dict[int, int] = {}
         self.outputs: list[int] = []
+        self.analog: dict[int, int] = {}
         self.dac = np.full(N_DACS, -1)
         self.discrete = -1
         self._image = make_image()
@@ -276,6 +281,9 @@ class ServoBench:
             return
         if kind == OP_OUTPUTS:
             self.outputs.append(value)
+            return
+        if kind == OP_ANALOG:
+            self.analog[offset] = value
             return
         self.writes.append(Write(self.now_ns, lane, offset, value))
         if offset == DISCRETE:

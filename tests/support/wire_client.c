@@ -1,6 +1,8 @@
 /* The C client as the tests see it: one mode judges bytes, one makes packets, one talks to a server. */
 #include "qrobot_wire.h"
 
+#include <math.h>
+
 static void print_hex(const char *name, const unsigned char *data, size_t size)
 {
     printf("%s ", name);
@@ -122,11 +124,12 @@ static int make_commands(void)
     return 0;
 }
 
-/* Arguments: names of signals, mass. Makes a STOP of each kind, SIGNALS, PAYLOAD and COLLISION, and a STOP as an observer. */
+/* Arguments: names of signals, mass. Makes a STOP of each kind, SIGNALS, PAYLOAD, COLLISION and ANALOG, and a STOP as an observer. */
 static int make_others(char **argument)
 {
     struct qrobot_payload payload = {atof(argument[1]), {0.1, 0.2, 0.3}, {1, 2, 3, 4, 5, 6}};
     struct qrobot_collision collision = {QROBOT_REACTION_COMPLY, {30, 40, 20, 2, 2}}, odd = {2, {0}};
+    struct qrobot_analog analog = {{NAN, 2.5, NAN, NAN, NAN, NAN, NAN, -1}};
     unsigned char out[QROBOT_MAX_PACKET];
     struct qrobot_link link;
     int size;
@@ -135,6 +138,7 @@ static int make_others(char **argument)
     print_hex("made", out, (size_t)qrobot_put_stop(&link, 0, 1, out));
     print_hex("made", out, (size_t)qrobot_put_payload(&link, &payload, 3, out));
     print_hex("made", out, (size_t)qrobot_put_collision(&link, &collision, 5, out));
+    print_hex("made", out, (size_t)qrobot_put_analog(&link, &analog, 6, out));
     if (qrobot_put_collision(&link, &odd, 5, out) != QROBOT_INVALID)
         return 1;
     if ((size = qrobot_put_signals(&link, argument[0], 2, out)) < 0)
@@ -145,6 +149,7 @@ static int make_others(char **argument)
     print_hex("made", out, (size_t)qrobot_put_stop(&link, 1, 4, out));
     if (qrobot_put_payload(&link, &payload, 3, out) != QROBOT_INVALID ||
         qrobot_put_collision(&link, &collision, 3, out) != QROBOT_INVALID ||
+        qrobot_put_analog(&link, &analog, 3, out) != QROBOT_INVALID ||
         qrobot_put_signals(&link, "", 3, out) != QROBOT_INVALID)
         return 1;
     link.phase = QROBOT_ANSWERING;

@@ -101,6 +101,8 @@ static void motions(ROBOT *rp)
     arcl_wait(rp);
     check("a motion", m->code == EVENT_DONE && begun == 1 && ended == 1 && notified[EVENT_DEQ] == 1 && latest > 19);
     check("lines", iod_read(lines) == 5);
+    check("an analogue output", isnan(iod_value(named_iod(rp, "power"))) && iod_set_value(named_iod(rp, "power"), 50) == OK
+          && near(iod_value(named_iod(rp, "power")), 50));
     check("named lines", iod_read(named_iod(rp, "lamps")) == 2 && isnan(iod_value(named_iod(rp, "pressure"))));
     m = move(rp, park, MOV_JVEL, 20.0, MOV_FEEDBACK, feedback, 0);
     arcl_wait(rp, soon);

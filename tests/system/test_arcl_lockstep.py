@@ -41,6 +41,7 @@ from qrobot.arcl import (
     arcl_wait,
     gripper,
     iod_read,
+    iod_set_value,
     iod_value,
     iod_write,
     joint_pos,
@@ -54,6 +55,7 @@ from qrobot.arcl import (
     sym_lookup,
     teach,
 )
+from qrobot.arcl.robot import ArclRobot
 from qrobot.arcl.stream import RecordKind, Stream, cartesian_table, read_stream
 from qrobot.cli.arms import choose_arm, servo_settings
 from qrobot.cli.teach_pendant import teach_by_keys, terminal_pendant
@@ -62,7 +64,7 @@ from qrobot.hwif.modbus.device import ModbusDevice
 from qrobot.hwif.modbus.io import RemoteModule
 from qrobot.hwif.modbus.panel import PanelModules
 from qrobot.hwif.modbus.server import ModbusServer
-from qrobot.hwif.registers import DAC, ENC_COUNT
+from qrobot.hwif.registers import DAC, DAC_COUNTS_PER_VOLT, DAC_ZERO, ENC_COUNT
 from qrobot.rci.machine_choice import MachineChoice, use_machine
 from qrobot.rig.lockstep import LockstepRig, link_factory
 from qrobot.servo.settings import ServoSettings
@@ -204,9 +206,13 @@ servo = { sensor_channels = [6] }
 signals = [
   { name = "lamps", outputs = [1, 2] },
   { name = "switches", inputs = [1, 3] },
+  { name = "power", analog_output = 1, per_volt = 20.0, unit = "percent" },
   { name = "pressure", analog = 6, per_volt = 2.0, zero_v = 0.5, unit = "bar" },
 ]
-board = { outputs = [{ output = 1, name = "grip", bit = 4 }, { output = 2, name = "glue", bit = 5 }] }
+
+[arm.board]
+outputs = [{ output = 1, name = "grip", bit = 4 }, { output = 2, name = "glue", bit = 5 }]
+analog_outputs = [{ output = 1, dac = 7, min_v = 0.0, max_v = 5.0 }, { output = 2, dac = 6, name = "fan" }]
 """
 
 
@@ -214,7 +220,7 @@ def test_lines_and_channels_reach_the_board_and_come_from_it_by_number_and_by_na
     (tmp_path / "here.toml").write_text(NAMED)
     arm = choose_arm(str(tmp_path / "here.toml"), None)
     rig = LockstepRig(ROBOT, servo_settings(arm))
-    chosen = use_machine(MachineChoice("bridge", None, ROBOT, arm.named_signals))
+    chosen = use_machine(MachineChoice("bridge", None, ROBOT, arm.named_signals, analog_ranges=arm.analog_ranges))
     with chosen, rci.use(partial(link_factory, rig, SAMPLE_US)):
         rp = arcl_open(0)
         out, switches = new_iod(rp, IOD_OUT, 1, 2), new_iod(rp, IOD_IN, 2, 3)
@@ -233,7 +239,45 @@ def test_lines_and_channels_reach_the_board_and_come_from_it_by_number_and_by_na
             iod_read(pressure)
         with pytest.raises(MotionError, match="pressure is an analogue input"):
             iod_write(pressure, 1)
-        with pytest.raises(ConfigError, match=r"no signal 'presure'; it has glue, grip, lamps, pressure, switches"):
+        assert fans_and_power(rig) == (0.0, 0.0)
+        power, fan = named_iod(rp, "power"), named_iod(rp, "fan")
+        assert np.isnan(iod_value(power))
+        iod_set_value(power, 50.0)
+        iod_set_value(fan, -3.0)
+        pass_ms(300.0, rp)
+        assert fans_and_power(rig) == pytest.approx((-3.0, 2.5), abs=0.003)
+        assert (iod_value(power), iod_value(fan)) == (50.0, -3.0)
+        for wrong in (100.1, -0.1, np.nan, np.inf):
+            with pytest.raises(MotionError, match="is not within 0 to 5 V"):
+                iod_set_value(power, wrong)
+        with pytest.raises(MotionError, match="power is an analogue output, in percent: iod_set_value writes it"):
+            iod_write(power, 1)
+        with pytest.raises(MotionError, match="pressure is an analogue input"):
+            iod_set_value(pressure, 1.0)
+        rig.mailbox.request_power_off()
+        with pytest.raises(ServoFault):
+            pass_ms(2000.0, rp)
+        assert fans_and_power(rig) == (0.0, 0.0)
+
+
+def fans_and_power(rig: LockstepRig) -> tuple[float, float]:
+    """Volts at the converters 6 and 7 of the board."""
+    fan, power = ((DAC_ZERO - rig.emulator.bundle.board.dac[6:]) / DAC_COUNTS_PER_VOLT).tolist()
+    return fan, power
+
+
+def pass_ms(ms: float, rp: ArclRobot) -> None:
+    """Let so much time pass."""
+    end = ami_treal() + ms
+    arcl_wait(rp, lambda: ami_treal() > end)
+
+
+def test_a_name_that_there_is_not_is_refused_with_those_that_there_are(tmp_path: Path) -> None:
+    (tmp_path / "here.toml").write_text(NAMED)
+    arm = choose_arm(str(tmp_path / "here.toml"), None)
+    with use_machine(MachineChoice("offline", None, ROBOT, arm.named_signals)):
+        rp = arcl_open(0)
+        with pytest.raises(ConfigError, match="it has fan, glue, grip, lamps, power, pressure, switches"):
             named_iod(rp, "presure")
         arcl_close(rp)
 
@@ -244,6 +288,7 @@ host = "127.0.0.1"
 port = {port}
 inputs = [{{ address = 15, input = 1 }}, {{ address = 0, input = 2 }}]
 analog = [{{ address = {register}, channel = 6, volt_per_count = 0.001 }}]
+analog_outputs = [{{ address = {heater}, output = 1, volt_per_count = 0.01, off_v = 1.0, on_stop = "hold" }}]
 outputs = [
   {{ address = 3, output = 1, name = "red", on = 0, off = 1 }},
   {{ address = {pump}, output = 2, name = "green", kind = "register", on = 700 }},
@@ -257,8 +302,8 @@ def test_names_reach_the_lines_and_channels_of_a_module_on_modbus(tmp_path: Path
     paper.status = 1
     with ExitStack() as stack:
         server = stack.enter_context(ModbusServer(ModbusDevice(paper, watchdog_ms=0, now_ns=clock)))
-        text = NAMED.split("board = ", maxsplit=1)[0] + MODULE.format(
-            port=server.address[1], register=ENC_COUNT // 2, pump=PUMP
+        text = NAMED.split("[arm.board]", maxsplit=1)[0] + MODULE.format(
+            port=server.address[1], register=ENC_COUNT // 2, pump=PUMP, heater=PUMP + 1
         )
         (tmp_path / "here.toml").write_text(text)
         arm = choose_arm(str(tmp_path / "here.toml"), None)
@@ -273,21 +318,30 @@ def test_names_reach_the_lines_and_channels_of_a_module_on_modbus(tmp_path: Path
             wires.step(clock())
             return ami_treal() > end
 
-        stack.enter_context(use_machine(MachineChoice("bridge", None, ROBOT, arm.named_signals)))
+        chosen = MachineChoice("bridge", None, ROBOT, arm.named_signals, analog_ranges=arm.analog_ranges)
+        stack.enter_context(use_machine(chosen))
         stack.enter_context(rci.use(partial(link_factory, rig, SAMPLE_US)))
         rp = arcl_open(0)
         iod_write(named_iod(rp, "lamps"), 0b10)
+        iod_set_value(named_iod(rp, "power"), 70.0)
         end = ami_treal() + 300
         arcl_wait(rp, asked)
         assert iod_read(named_iod(rp, "switches")) == 0b010  # of three lines from the first on, the second is on
         assert iod_value(named_iod(rp, "pressure")) == pytest.approx(4.0, abs=0.02)
         assert (iod_read(named_iod(rp, "red")), iod_read(named_iod(rp, "green"))) == (0, 1)
         assert [value for _, offset, value in paper.applied if offset == 2 * PUMP][-1] == 700
+        assert [value for _, offset, value in paper.applied if offset == 2 * PUMP + 2][-1] == 350
         iod_write(named_iod(rp, "lamps"), 0)
         end = ami_treal() + 300
         arcl_wait(rp, asked)
         assert [value for _, offset, value in paper.applied if offset == 2 * PUMP][-1] == 0
         arcl_close(rp)
+        for ask, shown in ((lambda: None, 350), (rig.mailbox.request_power_off, 100)):  # it holds while there is power
+            ask()
+            rig.run_for(2.0)
+            wires.step(clock())
+            module.poll()
+            assert [value for _, offset, value in paper.applied if offset == 2 * PUMP + 2][-1] == shown
 
 
 def test_a_person_teaches_places_by_the_pendant_and_the_program_goes_on_from_where_the_arm_is(tmp_path: Path) -> None:

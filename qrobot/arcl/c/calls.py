@@ -296,6 +296,7 @@ CALLS: Final[dict[str, CHandler]] = {
     "iod_read": _gives_numbers(arcl.iod_read),
     "iod_value": _gives_numbers(arcl.iod_value),
     "iod_write": _plain(arcl.iod_write),
+    "iod_set_value": _plain(arcl.iod_set_value),
     "new_sem": _gives_object(arcl.new_sem),
     "sem_take": _gives_numbers(arcl.sem_take),
     "sem_give": _gives_numbers(arcl.sem_give),

@@ -32,6 +32,7 @@ from qrobot.rci.sampled_task import SampleDriver
 from qrobot.realtime.interpreter import prepare_interpreter
 from qrobot.units import NS_PER_MS
 from qrobot.wire import Command, RobotState, State, Welcome
+from qrobot.wire.packets import analog_output
 from qrobot.wire.vocabulary import Hand
 
 _OFF_PATH: Final = frozenset({CyclePhase.STANDING, CyclePhase.POWERING, CyclePhase.STARTING})
@@ -66,6 +67,7 @@ class BridgeMachine:
         self._error: BaseException | None = None  # that no driver has met
         self._first_ns: int | None = None
         self._left_out = 0
+        self._analog_told = False
         self._keeper: PathKeeper | None = None
 
     def open(self) -> Floats:
@@ -160,6 +162,15 @@ class BridgeMachine:
         """See `RobotMachine.write_outputs`."""
         self.td.chg.outputs = set_bits(self.td.chg.outputs, first, count, value)
         self._write(RecordKind.OUTPUT, np.array([first, count, value], dtype=np.float64))
+
+    def write_analog(self, output: int, volts: float) -> None:
+        """See `RobotMachine.write_analog`."""
+        if self._analog_told and (refusal := self._link.refusal):
+            self._analog_told = False
+            raise MotionError(f"{self._settings.robot.name} has refused an analogue output: {refusal}")
+        self._link.tell(analog_output(output, volts))
+        self._analog_told = True
+        self._write(RecordKind.ANALOG, np.array([output, volts]))
 
     def close(self, power_off: bool) -> None:
         """See `RobotMachine.close`."""

@@ -1,4 +1,4 @@
-"""Groups of binary lines as bits of a word."""
+"""Groups of binary lines as bits of a word, and the range of analogue outputs."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from qrobot.errors import MotionError
 
 N_INPUTS: Final = 32  # as many as the wire's STATE has bits for
 
-__all__ = ["N_INPUTS", "N_OUTPUTS", "check_lines", "get_bits", "set_bits"]
+__all__ = ["N_INPUTS", "N_OUTPUTS", "check_analog", "check_lines", "get_bits", "set_bits"]
 
 
 def check_lines(first: int, count: int, lines: int) -> None:
@@ -32,3 +32,13 @@ def set_bits(word: int, first: int, count: int, value: int) -> int:
 def get_bits(word: int, first: int, count: int) -> int:
     """The value of `count` bits from line `first` on."""
     return word >> (first - 1) & ((1 << count) - 1)
+
+
+def check_analog(what: str, volts: object, allowed: tuple[float, float] | None) -> None:
+    """Raises MotionError when an analogue output cannot show `volts`; `allowed` is its range, None for no output."""
+    if allowed is None:
+        raise MotionError(f"there is no analogue {what}; see [[arm.board.analog_outputs]] of the deployment file")
+    if isinstance(volts, bool) or not isinstance(volts, int | float):
+        raise MotionError(f"analogue {what}: volts are a number, not {volts!r}")
+    if not allowed[0] <= volts <= allowed[1]:
+        raise MotionError(f"analogue {what}: {volts:g} V is not within {allowed[0]:g} to {allowed[1]:g} V")

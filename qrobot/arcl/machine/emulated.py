@@ -126,6 +126,10 @@ class EmulatedMachine:
         self._outputs = set_bits(self._outputs, first, count, value)
         self._write(RecordKind.OUTPUT, [first, count, value])
 
+    def write_analog(self, output: int, volts: float) -> None:
+        """See `RobotMachine.write_analog`."""
+        self._write(RecordKind.ANALOG, [output, volts])
+
     def keep_path(self, keeper: PathKeeper) -> None:  # noqa: ARG002 (there is nobody who would give the arm back)
         """See `RobotMachine.keep_path`. Raises MotionError, always."""
         raise MotionError(f"keep_path: the machine layer {self.name!r} cannot take an arm again that it has lost")

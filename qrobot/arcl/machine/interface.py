@@ -151,6 +151,12 @@ class RobotMachine(Protocol):
     def write_outputs(self, first: int, count: int, value: int) -> None:
         """Switch `count` binary outputs from line `first` on to the bits of `value`. Raises MotionError: no such."""
 
+    def write_analog(self, output: int, volts: float) -> None:
+        """Let an analogue output, from 1, show `volts`, which are within its range.
+
+        Raises MotionError: what was asked for before was refused; this one is not asked for then.
+        """
+
     def keep_path(self, keeper: PathKeeper) -> None:
         """Let `keeper` decide from now on whether a stop of the servo ends control of the arm.
 

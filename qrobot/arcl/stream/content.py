@@ -22,7 +22,7 @@ def content_fault(kind: int, content: bytes, n: int) -> str:
         return _numbers_fault(kind, content[:_NUMBER_BYTES], 1)
     wanted = {
         RecordKind.JOINTS: n, RecordKind.MEASURED: n, RecordKind.CARTESIAN: _POSE_NUMBERS, RecordKind.GRIPPER: 2,
-        RecordKind.OUTPUT: 3,
+        RecordKind.OUTPUT: 3, RecordKind.ANALOG: 2,
     }  # fmt: skip
     for known, count in wanted.items():
         if kind == known:

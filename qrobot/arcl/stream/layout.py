@@ -46,6 +46,7 @@ class RecordKind(IntEnum):
     ERROR = 9  # text
     MEASURED = 10  # measured joint positions, float64[n], as JOINTS
     END = 11  # nothing follows that belongs to this run
+    ANALOG = 12  # analogue output and its volts, float64[2]
 
 
 class RecordHeader(NamedTuple):

@@ -66,6 +66,11 @@ def _outputs(_stream: Stream, record: StreamRecord) -> str:
     return f"lines {first:.0f} to {first + count - 1:.0f} are {value:.0f}"
 
 
+def _analog(_stream: Stream, record: StreamRecord) -> str:
+    output, volts = record.numbers
+    return f"analogue output {output:.0f} is {volts:g} V"
+
+
 def _text(_stream: Stream, record: StreamRecord) -> str:
     return record.text
 
@@ -83,6 +88,7 @@ _SAYINGS: Final[dict[int, Callable[[Stream, StreamRecord], str]]] = {
     RecordKind.ERROR: _text,
     RecordKind.GRIPPER: _gripper,
     RecordKind.OUTPUT: _outputs,
+    RecordKind.ANALOG: _analog,
     RecordKind.EVENT: _event,
     RecordKind.END: _nothing,
 }

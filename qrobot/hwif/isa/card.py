@@ -21,7 +21,7 @@ from qrobot.hwif.board_memory import LANE_CAPACITY, BoardMemory, Lane, publish_i
 from qrobot.hwif.image import IMAGE_COUNT, IMAGE_T_NS, IMAGE_WORDS, input_at
 from qrobot.hwif.isa.instructions import in_byte, in_word, out_byte, out_word
 from qrobot.hwif.lanes import take_operation
-from qrobot.hwif.operations import OP_FIELDS, OP_OUTPUTS, OP_READ, OP_WRITE
+from qrobot.hwif.operations import OP_ANALOG, OP_FIELDS, OP_OUTPUTS, OP_READ, OP_WRITE
 from qrobot.hwif.registers import ADC_MUX, ADC_START, ADC_VALUE, ENC_LOAD, STATUS, WINDOW_BYTES
 from qrobot.hwif.trace import trace_write
 from qrobot.realtime.jit import lean_kernel
@@ -102,7 +102,7 @@ def card_out(card: Any, offset: int, value: int) -> None:
 @lean_kernel
 def apply_to_card(card: Any, kind: int, offset: int, value: int) -> bool:
     """One operation; False when it was in the wrong direction, or withheld from a read-only card."""
-    if kind == OP_OUTPUTS:
+    if kind in (OP_OUTPUTS, OP_ANALOG):
         return False  # for modules beside a board, which a card has not
     even = offset % 2 == 0
     reads = kind == OP_READ and even and 0 <= offset < ENC_LOAD

@@ -21,12 +21,14 @@ from qrobot.hwif.bus import BoardFacts, Bus, Operations, for_the_transport
 from qrobot.hwif.converter import RemoteChannels, adc_word, require_signed_converter
 from qrobot.hwif.image import IMAGE_STATUS
 from qrobot.hwif.modbus.client import MS_PER_S, ModbusLine
-from qrobot.hwif.operations import OP_OUTPUTS, OP_WRITE
+from qrobot.hwif.operations import ALL_ANALOG, OP_ANALOG, OP_OUTPUTS, OP_WRITE, signed_microvolts
 from qrobot.hwif.registers import DISCRETE, DISCRETE_HAND_CLOSE, DISCRETE_HAND_OPEN
 from qrobot.report import Report
 from qrobot.units import NS_PER_MS
 
 SIGN: Final = 0x8000  # of a register
+REGISTER: Final = 0xFFFF
+MICRO: Final = 1e-6
 
 
 @dataclass(frozen=True)
@@ -70,6 +72,8 @@ class RemoteModule:
         self._written: Sequence[int] | None = None
         self._outputs: int | None = None  # None until somebody has said anything
         self._shown: dict[int, bool] = {}  # what each output was last told, by its line
+        self._volts: dict[int, float] = {}  # of analogue outputs, by their numbers; of those left out their off values
+        self._driven: dict[int, int] = {}  # what the registers of analogue outputs were last told, by their numbers
         self._here = self._told = False
 
     def command(self, discrete: int) -> None:
@@ -86,6 +90,17 @@ class RemoteModule:
     def switch(self, outputs: int) -> None:
         """The outputs of the arm are as these bits say, output 1 in bit 0."""
         self._outputs = outputs
+
+    def drive(self, output: int, volts: float | None) -> None:
+        """Analogue output `output` of the arm, from 1, is to show `volts`; None, or too many, for its off value."""
+        if volts is None:
+            self._volts.pop(output, None)
+        else:
+            self._volts[output] = volts
+
+    def let_go(self) -> None:
+        """Let all analogue outputs show their off values."""
+        self._volts.clear()
 
     def bits(self, now_ns: int) -> int:
         """Its inputs in their places of STATUS; the safe ones when what was seen is too old."""
@@ -107,8 +122,10 @@ class RemoteModule:
                 self._line.connect()
                 self._written = None
                 self._shown.clear()
+                self._driven.clear()
             self._seen = ModuleState(self._read(), self._measure(), self._now_ns())
             self._switch()
+            self._drive()
             self._write()
         except (LinkError, ProtocolError) as error:
             self._lose(error)
@@ -118,11 +135,12 @@ class RemoteModule:
             self._report(f"module at {self._line.name} found")
 
     def run(self, stop: threading.Event) -> None:
-        """Poll until `stop` is set, then leave on what holds and let go of it."""
+        """Poll until `stop` is set, then leave on what holds, analogue outputs off, and let go of it."""
         self._allowed = ALL_OUTPUTS
         while not stop.is_set():
             self.poll()
             stop.wait(self._choice.period_ms / MS_PER_S)
+        self.let_go()
         self._allowed = self._held  # nobody is left to say what the others are to be
         if self._here:
             self.poll()
@@ -164,6 +182,14 @@ class RemoteModule:
             else:
                 self._line.ask(client.write_register, address=each.address, value=value)
             self._shown[each.output] = on
+
+    def _drive(self) -> None:
+        """Tell the analogue outputs what is new to them."""
+        for each in self._choice.analog_outputs:
+            number = each.number(self._volts.get(each.output, each.off_v))
+            if self._driven.get(each.output) != number:
+                self._line.ask(self._line.client.write_register, address=each.address, value=number & REGISTER)
+                self._driven[each.output] = number
 
     def _write(self) -> None:
         gripper, wanted = self._choice.gripper, self._wanted
@@ -231,6 +257,10 @@ class IoBus:
             for module in self._modules:
                 if kind == OP_OUTPUTS:
                     module.switch(value)
+                elif kind == OP_ANALOG and offset == ALL_ANALOG:
+                    module.let_go()
+                elif kind == OP_ANALOG:
+                    module.drive(offset + 1, MICRO * signed_microvolts(value))
                 elif (kind, offset) == (OP_WRITE, DISCRETE):
                     module.command(value)
 

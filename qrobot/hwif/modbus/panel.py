@@ -36,6 +36,9 @@ class PanelModules:
         memory = self._memory
         for module in self._modules:
             module.switch(int(memory.panel.outputs))
+            for k, microvolts in enumerate(memory.panel.analog_outputs.tolist()):
+                said = int(memory.panel.analog_told) >> k & 1
+                module.drive(k + 1, microvolts / PANEL_MICRO if said else None)
             memory.panel.inputs = int(memory.panel.inputs) & ~module.mask | module.bits(now_ns)
             for channel in module.channels:
                 memory.panel.analog[channel] = round((module.maybe_volt(channel, now_ns) or 0.0) * PANEL_MICRO)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -174,6 +175,27 @@ class ServoMailbox:
         command = self.memory.command
         command.outputs_ns = t_ns  # first: what is new must not be locked for what was silent before
         command.outputs = outputs
+
+    def analog_objection(self, volts: Sequence[float]) -> str:
+        """Reason for which analogue outputs cannot show these volts, NaN for none; "" when they can. Shape (8,)."""
+        info = self.memory.info
+        for k, asked in enumerate(volts):
+            least, most = float(info.analog_min[k]), float(info.analog_max[k])
+            if math.isnan(asked):
+                continue
+            if math.isnan(least):
+                return f"there is no analogue output {k + 1}; see [[arm.board.analog_outputs]] of the deployment file"
+            if not least <= asked <= most:
+                return f"analogue output {k + 1}: {asked:g} V is not within {least:g} to {most:g} V"
+        return ""
+
+    def request_analog(self, volts: Sequence[float]) -> None:
+        """Ask for volts of the analogue outputs, NaN for those that stay as they are. Shape (8,)."""
+        command = self.memory.command
+        for k, asked in enumerate(volts):
+            if not math.isnan(asked):
+                command.analog_volts[k] = asked
+                command.analog_told[k] += 1  # last: what is read after it is whole
 
     def snapshot(self) -> ServoSnapshot:
         """Newest state, for any thread. Raises LinkError when the servo died while writing it."""

@@ -14,7 +14,7 @@ its rows are those of `servo.memory.telemetry`.
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cache, cached_property
 from typing import Any, Final
@@ -22,6 +22,7 @@ from typing import Any, Final
 import numpy as np
 
 from qrobot.arrays import Floats, Words
+from qrobot.config.outputs import N_ANALOG_OUTPUTS
 from qrobot.errors import ConfigError, LinkError
 from qrobot.hwif.registers import N_ENCODERS
 from qrobot.printable import printable
@@ -64,6 +65,8 @@ class InfoBlock:
     ready: int = word()  # 1 once the loop runs
     estimator: int = word()  # 1 + place in ESTIMATORS, 0 when not told
     form: int = word()  # 1 + place in FORMS, 0 when not told
+    analog_min: Floats = floats(N_ANALOG_OUTPUTS)  # least volts of each analogue output; NaN for none
+    analog_max: Floats = floats(N_ANALOG_OUTPUTS)  # and most
     robot_name: bytes = text(NAME_BYTES)
     law: bytes = text(NAME_BYTES)
 
@@ -86,6 +89,7 @@ class HeartbeatBlock:
     trips_seen: int = word()  # trips of the guardian that a clear has acknowledged
     lines: int = word()  # outputs that there are, output 1 in bit 0
     kept: int = word()  # of those that hold at a stop, those that are on
+    analog: int = word()  # analogue outputs of modules that there are, output 1 in bit 0
     slips: int = word()  # 1: the arm's time is that of an emulated board, see `hwif.arm_clock`
     slipped_ns: int = word()  # how far it lies behind CLOCK_MONOTONIC
 
@@ -124,6 +128,8 @@ class CommandBlock:
     program_signals: Floats = floats(N_SIGNALS)  # numbers that the program tells; NaN for none
     names_told: int = word()  # raised when the names behind have changed
     signal_names: bytes = text(SIGNAL_NAME_BYTES)  # of the program's numbers, a blank between two
+    analog_told: Words = words(N_ANALOG_OUTPUTS)  # raised for each analogue output that has another value behind
+    analog_volts: Floats = floats(N_ANALOG_OUTPUTS)  # what they want of the analogue outputs
     path_waits_ns: int = word()  # when a program said last that it waits to be led back to its path; 0: it does not
 
 
@@ -253,6 +259,7 @@ def describe_servo(memory: Words, robot_name: str, law: str, n: int, period_ns: 
     info.joints, info.period_ns = n, period_ns
     info.telemetry_base, info.telemetry_capacity = _telemetry_base(n), telemetry_capacity
     info.robot_name, info.law = _name(robot_name), _name(law)
+    info.analog_min[:] = info.analog_max[:] = np.nan
     command = servo_front(memory).command
     command.override, command.program_signals[:] = 1.0, np.nan
 
@@ -266,6 +273,13 @@ def describe_choices(memory: Words, velocity: str, interpolation: str) -> None:
     """Add to the info how velocities are estimated and setpoints interpolated. Raises ValueError for others."""
     info = servo_front(memory).info
     info.estimator, info.form = 1 + list(ESTIMATORS).index(velocity), 1 + list(FORMS).index(interpolation)
+
+
+def describe_analog_outputs(memory: Words, ranges: Mapping[int, tuple[float, float]]) -> None:
+    """Add to the info the least and most volts of the analogue outputs, by their numbers from 1."""
+    info = servo_front(memory).info
+    for output, (least, most) in ranges.items():
+        info.analog_min[output - 1], info.analog_max[output - 1] = least, most
 
 
 def _nth(names: Iterable[str], place: int) -> str:

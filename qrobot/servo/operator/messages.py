@@ -199,6 +199,7 @@ class ServoStatus(OperatorMessage):
         hand: relaxed, open or closed, as it was last asked for.
         inputs: numbers of the discrete inputs that are on; the emergency stop's is no input here.
         outputs: the lines of the deployment by name, true for on.
+        analog_outputs: volts of its analogue outputs by name.
         board: what became of the way to the board.
         override, paused: what the operator wants of motions: a factor of their speed, to stand still on their path.
         path_waits: a program waits for somebody to confirm that the arm may go back to its path.
@@ -236,6 +237,7 @@ class ServoStatus(OperatorMessage):
     override: float = 1.0
     paused: bool = False
     path_waits: bool = False
+    analog_outputs: dict[str, float] = {}
     speed_limit: float = 1.0
     tool_speed_limit: float = 0.0
     payload_mass: float = 0.0

@@ -58,6 +58,9 @@ def servo_status(servo: Controlled, commander: str) -> ServoStatus:
         hand=HANDS[snapshot.hand] if 0 <= snapshot.hand < len(HANDS) else "",
         inputs=tuple(k for k in INPUTS if snapshot.inputs >> k & 1),
         outputs={wire.name: bool(snapshot.outputs & wire.mask) for wire in servo.settings.outputs},
+        analog_outputs={
+            wire.name: float(snapshot.analog_outputs[wire.output - 1]) for wire in servo.settings.analog_outputs
+        },
         force=tuple(None if math.isnan(value) else value for value in snapshot.force.tolist()),
         override=snapshot.override,
         paused=snapshot.paused,

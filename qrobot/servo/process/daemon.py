@@ -51,6 +51,7 @@ from qrobot.servo.memory.servo_memory import (
     ServoFront,
     ServoSegment,
     create_servo_memory,
+    describe_analog_outputs,
     describe_choices,
     local_servo_memory,
 )
@@ -303,6 +304,7 @@ def serve(
         create_servo_memory(arm, robot.name, law_label(settings.law), robot.n, settings.period_ns, rows) as memory,
     ):
         describe_choices(memory.words, settings.velocity, settings.interpolation)
+        describe_analog_outputs(memory.words, settings.analog_ranges)
         memory.front.heartbeat.slips = int(settings.board_slips)
         discard_operations(board.memory, int(Lane.SERVO))
         params = servo_parameters(robot, settings)

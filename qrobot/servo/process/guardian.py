@@ -23,7 +23,7 @@ from qrobot.hwif.board_memory import BoardMemory, Lane, attach_board_memory, loc
 from qrobot.hwif.isa.card import CARD_BASE, CARD_KIND, NO_CARD, REAL_CARD, make_card, pour_lane
 from qrobot.hwif.isa.permission import require_ports
 from qrobot.hwif.lanes import pending_operations, post_operations
-from qrobot.hwif.operations import OP_FIELDS, put_outputs, put_write
+from qrobot.hwif.operations import ALL_ANALOG, OP_FIELDS, put_analog, put_outputs, put_write
 from qrobot.hwif.registers import DAC, DAC_ZERO, DISCRETE, DISCRETE_POWER, N_DACS
 from qrobot.realtime.atomics import load_acquire, store_release
 from qrobot.realtime.clock import monotonic_ns, sleep_until_ns
@@ -36,7 +36,7 @@ from qrobot.servo.settings import DEFAULT_TIMEOUT_MS
 from qrobot.units import NS_PER_S
 
 GUARDIAN_LANE: Final = int(Lane.GUARDIAN)
-N_SAFE_OPS: Final = 2 + N_DACS
+N_SAFE_OPS: Final = 3 + N_DACS
 LOOKS_PER_TIMEOUT: Final = 5  # a look every fifth of the bound: reaction within 1.2 times the bound
 SLICE_NS: Final = NS_PER_S // 5
 LEAVE_NS: Final = NS_PER_S // 2  # [A] beyond the bound, for a board to take what makes it safe
@@ -44,7 +44,7 @@ LEAVE_NS: Final = NS_PER_S // 2  # [A] beyond the bound, for a board to take wha
 LAYOUT: Final = 1  # of the segment that keeps a second guardian away; it holds nothing
 
 # the guardian's own memory; outlives servo restarts
-TRIPPED, TRIPS, LAST_DISCRETE, LINES, KEPT, WAS_ARMED, N_OWN = range(7)  # WAS_ARMED: said by a servo that beat
+TRIPPED, TRIPS, LAST_DISCRETE, LINES, KEPT, ANALOG, WAS_ARMED, N_OWN = range(8)  # WAS_ARMED: said by a servo that beat
 
 
 @lean_kernel
@@ -52,13 +52,15 @@ def make_safe(own: Any, board: BoardMemory, ops: Any) -> bool:
     """Arm power off, then zero torque on every DAC; False when the board takes no more operations.
 
     Of DISCRETE the rest stays as the servo meant it to: the hand keeps what it holds, outputs that hold stay on, the
-    counters stay calibrated.
+    counters stay calibrated. Analogue outputs of the board show 0 V, those of modules their off values.
     """
     n = put_write(ops, 0, DISCRETE, own[LAST_DISCRETE] & ~DISCRETE_POWER)
     for channel in range(N_DACS):
         n = put_write(ops, n, DAC + 2 * channel, DAC_ZERO)
     if own[LINES] != 0:
         n = put_outputs(ops, n, own[KEPT])
+    if own[ANALOG] != 0:
+        n = put_analog(ops, n, ALL_ANALOG, 0)
     return post_operations(board, GUARDIAN_LANE, ops, n)
 
 
@@ -84,6 +86,7 @@ def look(own: Any, mail: ServoFront, board: BoardMemory, card: Any, ops: Any, no
         own[TRIPPED] = 0
     if mail.heartbeat.discrete != 0:  # a servo that has just started has none yet
         own[LAST_DISCRETE], own[LINES], own[KEPT] = mail.heartbeat.discrete, mail.heartbeat.lines, mail.heartbeat.kept
+        own[ANALOG] = mail.heartbeat.analog
     store_release(mail.guardian, "trips", own[TRIPS])
     store_release(mail.guardian, "takeover", own[TRIPPED])
     store_release(mail.guardian, "t_ns", now_ns)

@@ -33,13 +33,16 @@ def stop_stands(params: ServoParameters, state: ServoState, mail: Any, now_ns: i
 
 
 @lean_kernel
-def settle_outputs(params: ServoParameters, state: ServoState, mail: Any, now_ns: int) -> None:
-    """The outputs of this cycle, and the board's own lines among them in the shadow of DISCRETE."""
+def settle_outputs(params: ServoParameters, state: ServoState, mail: Any, stopped: bool) -> None:
+    """The outputs of this cycle, and the board's own lines among them in the shadow of DISCRETE.
+
+    `stopped` is what `stop_stands` tells.
+    """
     lines = params.outputs
     if lines.lines == 0:
         return
     asked = mail.command.outputs & lines.lines
-    if stop_stands(params, state, mail, now_ns):
+    if stopped:
         state.outputs_locked |= lines.off
     state.outputs_locked &= asked
     state.outputs = asked & ~state.outputs_locked

@@ -11,7 +11,6 @@ from qrobot.faultcodes import FaultCode
 from qrobot.hwif.operations import REFERENCE_PER_COUNT, put_reference, put_write
 from qrobot.hwif.registers import (
     DAC,
-    DAC_ZERO,
     DISCRETE,
     DISCRETE_ADC,
     DISCRETE_HAND_CLOSE,
@@ -58,6 +57,7 @@ from qrobot.servo.laws.law_swap import (
 from qrobot.servo.memory.setpoint_queue import TORQUE_SETPOINT
 from qrobot.servo.modes import gives_torque, wants_power
 from qrobot.servo.parameters import ServoParameters
+from qrobot.servo.stages.analog_outputs import analog_on, free_dac, post_analog
 from qrobot.servo.stages.binary_outputs import post_outputs
 from qrobot.servo.stages.guiding import FRICTION_SHARE, led
 from qrobot.servo.state import (
@@ -239,8 +239,8 @@ def write(params: ServoParameters, state: ServoState, mail: Any) -> int:
     if state.started == 0:
         return 0
     mail.heartbeat.discrete = state.discrete_word & ~params.outputs.off_discrete
-    left_on = state.outputs & params.outputs.off  # somebody has to switch them off should we die
-    keep_armed(state, mail, wants_power(state.mode) or left_on != 0)  # before anything is posted
+    left_on = state.outputs & params.outputs.off != 0 or analog_on(params, state)  # to be ended should we die
+    keep_armed(state, mail, wants_power(state.mode) or left_on)  # before anything is posted
     if mail.guardian.takeover != 0:
         state.discrete_sent = -1
         return 0
@@ -249,13 +249,14 @@ def write(params: ServoParameters, state: ServoState, mail: Any) -> int:
     if changed and not wants_power(state.mode):
         n = put_write(state.ops, n, DISCRETE, state.discrete_word)  # power goes before the torque does
     for channel in range(N_DACS):
-        code = state.dac[channel] if channel < state.dac.size else DAC_ZERO
+        code = state.dac[channel] if channel < state.dac.size else free_dac(params, state, channel)
         n = put_write(state.ops, n, DAC + 2 * channel, code)
     if params.position_drives != 0 and gives_torque(state.mode):
         n = post_reference(params, state, n)
     if changed and wants_power(state.mode):
         n = put_write(state.ops, n, DISCRETE, state.discrete_word)  # power comes after the torque is set
     n = post_outputs(params, state, n)
+    n = post_analog(params, state, n)
     n = post_latches(state, n)
     n = post_index_watch(state, n, state.discrete_word)
     if channels != 0:

@@ -67,6 +67,7 @@
 #define QROBOT_LONGEST_PERIOD_US 100000
 #define QROBOT_LARGEST_SETPOINT 1e+06
 #define QROBOT_SIGNALS 8
+#define QROBOT_ANALOG_OUTPUTS 8
 #define QROBOT_LONGEST_SIGNAL 31
 #define QROBOT_MAX_PACKET 4096
 #define QROBOT_HEADER_BYTES 24
@@ -75,7 +76,7 @@
 enum {
     QROBOT_KIND_HELLO = 1, QROBOT_KIND_WELCOME = 2, QROBOT_KIND_COMMAND = 3, QROBOT_KIND_STATE = 4,
     QROBOT_KIND_ERROR = 5, QROBOT_KIND_BYE = 6, QROBOT_KIND_STOP = 7, QROBOT_KIND_SIGNALS = 8,
-    QROBOT_KIND_PAYLOAD = 9, QROBOT_KIND_COLLISION = 10
+    QROBOT_KIND_PAYLOAD = 9, QROBOT_KIND_COLLISION = 10, QROBOT_KIND_ANALOG = 11
 };
 enum {
     QROBOT_ROLE_COMMANDER = 1, QROBOT_ROLE_OBSERVER = 2
@@ -110,7 +111,7 @@ enum {
     QROBOT_ERROR_COMMANDER_BUSY = 4, QROBOT_ERROR_BAD_PERIOD = 5, QROBOT_ERROR_AUTHENTICATION = 6,
     QROBOT_ERROR_FULL = 7, QROBOT_ERROR_TIMEOUT = 8, QROBOT_ERROR_SERVO_GONE = 9,
     QROBOT_ERROR_INVALID_SETPOINT = 10, QROBOT_ERROR_SLOW_READER = 11, QROBOT_ERROR_PAYLOAD_REFUSED = 12,
-    QROBOT_ERROR_COLLISION_REFUSED = 13
+    QROBOT_ERROR_COLLISION_REFUSED = 13, QROBOT_ERROR_ANALOG_REFUSED = 14
 };
 
 /* Where the fields lie; n joints. */
@@ -176,6 +177,10 @@ enum {
     QROBOT_AT_COLLISION_JOINTS = 24, QROBOT_AT_COLLISION_REACTION = 25, QROBOT_AT_COLLISION_THRESHOLD = 32
 };
 #define QROBOT_COLLISION_BYTES(n) ((32 + 8 * (size_t)(n) + 3) / 4 * 4 + 4)
+enum {
+    QROBOT_AT_ANALOG_VOLT = 24
+};
+#define QROBOT_ANALOG_BYTES 92
 
 /* What a fault or an event is, for people. */
 static inline const char *qrobot_fault_text(int code)
@@ -284,6 +289,10 @@ struct qrobot_payload {
 struct qrobot_collision {
     int reaction;                        /* QROBOT_REACTION_... */
     double threshold[QROBOT_MAX_JOINTS]; /* torque that nobody commanded, N m or N; 0 for the robot file's */
+};
+
+struct qrobot_analog {
+    double volt[QROBOT_ANALOG_OUTPUTS]; /* analogue outputs 1 to 8; NAN for one that stays as it is */
 };
 
 struct qrobot_state {
@@ -629,6 +638,17 @@ static inline int qrobot_put_collision(struct qrobot_link *link, const struct qr
     out[QROBOT_AT_COLLISION_REACTION] = (unsigned char)collision->reaction;
     qrw_put_doubles(out + QROBOT_AT_COLLISION_THRESHOLD, link->joints, collision->threshold);
     return (int)qrw_seal(out, QROBOT_KIND_COLLISION, size, 0, 0, t_ns);
+}
+
+/* An ANALOG as bytes. Returns how many, or QROBOT_INVALID; volts that are refused come as link.warning. */
+static inline int qrobot_put_analog(struct qrobot_link *link, const struct qrobot_analog *analog, int64_t t_ns,
+                                    unsigned char out[QROBOT_MAX_PACKET])
+{
+    if (link->phase != QROBOT_COMMANDING)
+        return qrw_fail(link, QROBOT_INVALID, "only a commander that was welcomed may send ANALOG");
+    memset(out, 0, QROBOT_ANALOG_BYTES);
+    qrw_put_doubles(out + QROBOT_AT_ANALOG_VOLT, QROBOT_ANALOG_OUTPUTS, analog->volt);
+    return (int)qrw_seal(out, QROBOT_KIND_ANALOG, QROBOT_ANALOG_BYTES, 0, 0, t_ns);
 }
 
 /* The BYE that ends a conversation, as bytes. Returns how many; 0 when it is over already. */
@@ -1111,6 +1131,13 @@ static inline int qrobot_set_collision(struct qrobot_link *link, const struct qr
 {
     unsigned char out[QROBOT_MAX_PACKET];
     return qrw_send(link, out, qrobot_put_collision(link, collision, qrobot_now_ns(), out));
+}
+
+/* Tell what analogue outputs are to be. A refusal comes as link.warning of a later call. */
+static inline int qrobot_set_analog(struct qrobot_link *link, const struct qrobot_analog *analog)
+{
+    unsigned char out[QROBOT_MAX_PACKET];
+    return qrw_send(link, out, qrobot_put_analog(link, analog, qrobot_now_ns(), out));
 }
 
 /* Send `command`, or nothing when it is NULL, and wait for the newest state: one sample period passes. */

@@ -46,6 +46,7 @@ def test_the_reader_on_the_page_reads_what_a_program_has_left_record_by_record(t
     arcl.arcl_errproc(lambda *_: arcl.OK)
     arcl.gripper(rp, arcl.GRIP_CLOSE_BY, 40.0)
     arcl.iod_write(arcl.new_iod(rp, arcl.IOD_OUT, 3, 2), 2)
+    rp.ami.write_analog(1, 2.5)
     arcl.move(rp, arcl.robot_pos(rp, "ready"), arcl.MOV_TIME, 1500, 0)
     arcl.move(rp, arcl.makeposition(arcl.T6, arcl.EQ, arcl.new_trans_tr("far", 9e3, 0, 0), arcl.TL, arcl.T6), 0)
     arcl.arcl_close(rp)

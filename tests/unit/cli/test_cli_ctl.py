@@ -22,7 +22,7 @@ from qrobot.servo.operator.messages import FenceStatus
     ],
 )
 def test_the_status_names_what_is_on(inputs: tuple[int, ...], outputs: dict[str, bool], line: str) -> None:
-    now: Any = SimpleNamespace(hand="closed", inputs=inputs, outputs=outputs)
+    now: Any = SimpleNamespace(hand="closed", inputs=inputs, outputs=outputs, analog_outputs={})
     assert _lines_line(now) == line
 
 

@@ -62,7 +62,7 @@ def test_arms_may_not_collide(tmp_path: Path, second: str, says: str) -> None:
             r"arm\.0\.signals\.0: .*line comes first, as in \[2, 3\]",
         ),
         ('signals = [{ name = "p", inputs = [3, 6] }]', r"arm\.0\.signals\.0\.inputs\.1: .*less than 6"),
-        ('signals = [{ name = "p" }]', r"arm\.0\.signals\.0: .*one of inputs, outputs and analog is needed, not 0"),
+        ('signals = [{ name = "p" }]', r"arm\.0\.signals\.0: .*one of inputs, outputs, analog, .* is needed, not 0"),
         ('signals = [{ name = "p", inputs = [1, 1], unit = "V" }]', r"arm\.0\.signals\.0: .*unit are for analog"),
         (
             'signals = [{ name = "p", inputs = [1, 1] }]\nboard = { outputs = [{ output = 1, name = "p", bit = 4 }] }',

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import uuid
 from collections.abc import Iterator
+from pathlib import Path
 
 import can
 import pytest
 from pydantic import ValidationError
 
+from qrobot.config import load_deployment
 from qrobot.config.can_sensor import CanSensor, CanSignal
 from qrobot.errors import LinkError
 from qrobot.hwif.canbus.sensor import SensorBus, decode_signal
@@ -30,6 +32,19 @@ from tests.support.virtual_clock import VirtualClock
 
 FORCE, TORQUE, BOARD_CHANNEL = 6, 7, 2
 RESOLUTION = 16 * ADC_F_VOLT_PER_COUNT
+ON_CAN = """
+[[arm]]
+name = "left"
+robot = "puma560"
+bridge = { port = 5600 }
+servo = { board_timeout_ms = 10, sensor_channels = [6] }
+signals = [{ name = "grip_force", analog = 6, per_volt = 20.0, zero_v = 0.5, unit = "N" }]
+
+[arm.board]
+kind = "can"
+can = { channel = "can0" }
+can_sensor = { channel = "can1", signals = [{ channel = 6, id = 0x123, volt_per_count = 0.001 }] }
+"""
 
 
 def signal(channel: int = FORCE, **keys: object) -> CanSignal:
@@ -82,6 +97,19 @@ def test_values_of_a_frame_are_read_as_volts_of_their_channels(desk: Desk) -> No
     desk.send((-2500).to_bytes(2, "little", signed=True) + (300).to_bytes(2, "big"))
     assert desk.convert(FORCE) == pytest.approx(-2.5, abs=RESOLUTION)
     assert desk.convert(TORQUE) == pytest.approx(-4.0, abs=RESOLUTION)
+
+
+def test_a_value_on_can_has_a_name_for_programs(desk: Desk, tmp_path: Path) -> None:
+    path = tmp_path / "here.toml"
+    path.write_text(ON_CAN)
+    (arm,) = load_deployment(path).arm
+    (named,) = arm.named_signals
+    assert arm.board.can_sensor is not None
+    assert named.analog in {each.channel for each in arm.board.can_sensor.signals}
+    desk.send((1500).to_bytes(2, "little") + bytes(2))
+    volts = desk.convert(named.analog)
+    assert volts is not None
+    assert (volts - named.zero_v) * named.per_volt == pytest.approx(20.0, abs=20 * RESOLUTION)
 
 
 def test_the_newest_of_several_frames_counts(desk: Desk) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Iterator
 from dataclasses import dataclass
+from math import nan
 from pathlib import Path
 
 import numpy as np
@@ -14,13 +15,14 @@ from qrobot.config import load_deployment
 from qrobot.config.modbus_io import ModbusIo
 from qrobot.errors import ConfigError, LinkError
 from qrobot.hwif.board_memory import local_board_memory
+from qrobot.hwif.bus import sane_operations
 from qrobot.hwif.converter import adc_word
 from qrobot.hwif.image import IMAGE_ADC_VALUE, IMAGE_STATUS, make_image
 from qrobot.hwif.modbus.device import ModbusDevice
 from qrobot.hwif.modbus.io import NS_PER_MS, IoBus, RemoteModule
 from qrobot.hwif.modbus.panel import PanelModules
 from qrobot.hwif.modbus.server import ModbusServer
-from qrobot.hwif.operations import OP_OUTPUTS, OP_WRITE
+from qrobot.hwif.operations import ALL_ANALOG, OP_ANALOG, OP_OUTPUTS, OP_WRITE
 from qrobot.hwif.registers import (
     ADC_F_CHANNEL_SHIFT,
     ADC_MUX,
@@ -44,6 +46,7 @@ GRIPPER = DAC // 2
 OPEN, CLOSE = DISCRETE_HAND_CLOSE, DISCRETE_HAND_OPEN  # active low: the solenoid whose bit is off is on
 RELAX = OPEN | CLOSE
 VALVE, PUMP = 3, GRIPPER + 3  # a coil that is a bit of DISCRETE, a register
+HEATER = GRIPPER + 4  # the register of an analogue output
 VALVE_1, PUMP_3 = 0b001, 0b100
 AGE_NS = round(PATIENCE_MS + 1) * NS_PER_MS  # too old
 TWICE = '[[arm.board.io]]\nhost = "127.0.0.1"\ninputs = [{ address = 0, input = 1 }, { address = 9, input = 1 }]\n'
@@ -76,6 +79,9 @@ def table() -> Iterator[Table]:
                 "outputs": [
                     {"address": VALVE, "output": 1, "on": 0, "off": 1},
                     {"address": PUMP, "output": 3, "kind": "register", "on": 700, "on_stop": "hold"},
+                ],
+                "analog_outputs": [
+                    {"address": HEATER, "output": 2, "volt_per_count": 0.001, "zero_v": 0.5, "off_v": -1.0}
                 ],
             }
         )  # fmt: skip
@@ -276,6 +282,46 @@ def test_outputs_go_to_modules_beside_a_board_and_not_to_the_board(table: Table)
     table.module.poll()
     assert main.applied == [(OP_WRITE, DAC, 9)]
     assert valve_and_pump(table) == [1, 700]
+
+
+def heater(table: Table) -> list[int]:
+    """What the register of the analogue output has shown, as signed numbers."""
+    return [(value ^ 0x8000) - 0x8000 for _, offset, value in table.board.applied if offset == 2 * HEATER]
+
+
+def test_an_analogue_output_is_a_signed_register_that_is_off_until_somebody_says_what_it_is_to_be(table: Table) -> None:
+    for volts in (None, 2.0, 2.0, -3.5, 10.5, nan, 0.0):  # those beyond its range are no volts for it
+        if volts is not None:
+            table.module.drive(2, volts)
+        table.module.drive(7, 9.0)  # another one's
+        table.module.poll()
+    assert heater(table) == [-500, 2500, -3000, -500, 500]
+    table.board.gone = True
+    table.module.poll()
+    table.board.gone = False
+    table.module.poll()
+    assert heater(table)[-2:] == [500, 500]  # it may have forgotten
+    table.module.drive(2, 1.0)
+    table.module.run(OnePoll())
+    assert heater(table)[-2:] == [1500, -500]
+
+
+def test_analogue_outputs_go_to_modules_and_not_to_the_board(table: Table) -> None:
+    main = PaperBoard()
+    bus, image = IoBus(DirectBus(main), [table.module], table.clock), make_image()
+    for operation in ((OP_ANALOG, 1, -2_000_000), (OP_ANALOG, 1, -3_000_000 & 0xFFFFFFFF), (OP_ANALOG, ALL_ANALOG, 0)):
+        bus.exchange(sane_operations(np.array([operation, (OP_WRITE, DAC, 9)], np.int64)), image)
+        table.module.poll()
+    assert heater(table) == [-1500, -2500, -500]
+    assert main.applied == [(OP_WRITE, DAC, 9)] * 3
+    memory = local_board_memory()
+    memory.panel.analog_told, memory.panel.analog_outputs[1] = 0b10, 4_000_000
+    panel = PanelModules(memory, [table.module])
+    for told in (0b10, 0):
+        memory.panel.analog_told = told
+        panel.step(table.clock())
+        table.module.poll()
+    assert heater(table)[-2:] == [4500, -500]
 
 
 def test_beside_an_emulated_board_modules_follow_the_lamps_of_the_panel(table: Table) -> None:

@@ -9,7 +9,7 @@ from qrobot.config import load_robot
 from qrobot.config.fences import Fence
 from qrobot.fences.fence_set import FenceSet
 from qrobot.val.check import check_text
-from qrobot.val.signal_lines import signal_lines_of
+from qrobot.val.signal_lines import SignalLines, signal_lines_of
 from qrobot.val.values import transformation
 from qrobot.val.workspace import Workspace
 from tests.support.val_runs import EXAMPLES, main_program
@@ -48,6 +48,8 @@ def test_the_examples_have_no_mistakes(file) -> None:
         ("SIGNAL 1001", 1, "is an input"),
         ("x = SIG(-1033)", 1, "there is no signal 1033"),
         ("WAIT SIG(3000)", 1, "there is no signal 3000"),
+        ("DAC 9 = 1", 1, "there is no analogue output 9; there are 1 to 8"),
+        ("DAC 1.5 = 1", 1, "there is no analogue output 1.5"),
         ("SIGNAL -1.5", 1, "a signal is a whole number, not 1.5"),
         ("GOTO 10", 6, "there is no label 10"),
         ("    SIGNAL 17", 5, "there is no signal 17"),
@@ -97,6 +99,22 @@ def test_a_signal_without_a_line_is_told_once_where_the_lines_are_known(line: st
     assert [mistake.line for mistake in mistakes] == ([] if said is None else [2])
     assert all(str(said) in mistake.what for mistake in mistakes)
     assert check_text(text, ROBOT) == []
+
+
+@pytest.mark.parametrize(
+    ("line", "said"),
+    [
+        ("DAC 2 = 1", "analogue output 2 is not configured; the deployment file has 1: add it to"),
+        ("DAC 1 = 5.5", "analogue output 1: 5.5 V is not within 0 to 5 V"),
+        ("DAC 1 = -1E9", "analogue output 1: -1e+09 V is not within 0 to 5 V"),
+        ("DAC 1 = 5", ""),
+        ("DAC 1 = RANDOM()", ""),
+    ],
+)
+def test_volts_that_an_analogue_output_does_not_show_are_told(line: str, said: str) -> None:
+    mistakes = check_text(main_program(line), ROBOT, lines=SignalLines(frozenset(), {1: (0.0, 5.0)}))
+    assert [mistake.what[: len(said)] for mistake in mistakes] == ([said] if said else [])
+    assert check_text(main_program(line), ROBOT) == []
 
 
 def test_a_process_control_program_that_would_move_is_told_with_all_that_it_calls() -> None:

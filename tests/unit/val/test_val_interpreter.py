@@ -385,6 +385,14 @@ def test_next_does_single_steps() -> None:
         assert run.state is RunState.PAUSED
 
 
+def test_an_analogue_output_is_set_on_either_library() -> None:
+    with interpreter(main_program("DAC 2 = 3.5", "x = 1")) as (run, _):
+        assert run.execute("main") is RunState.COMPLETED
+    with interpreter(main_program("DAC 2 = 3.5"), library="arcl") as (run, _):
+        assert run.execute("main") is RunState.FAILED  # no deployment file tells of one
+        assert "there is no analogue output 2 of puma560" in run.message
+
+
 @pytest.mark.parametrize(
     ("lines", "said"),
     [
@@ -394,6 +402,8 @@ def test_next_does_single_steps() -> None:
         ("SIGNAL 1001", "is an input"),
         ("SIGNAL 99", "there is no signal 99"),
         ("FOR i = 1 TO 2 STEP 0|END", "never ends"),
+        ("DAC 9 = 0", "there is no analogue output 9; there are 1 to 8"),
+        ("DAC 1.5 = 0", "expected a whole number"),
         ("TIMER 99 = 0", "timers are 0 to 15"),
         ("MOVE x", "the value of x is not defined"),
         ("x = 3|MOVE x", "line 3, column 6: expected a location, not a number"),

@@ -6,6 +6,7 @@ import pytest
 
 from qrobot.errors import LocalProtocolError, RemoteProtocolError
 from qrobot.wire import (
+    AnalogOutputs,
     Bye,
     ClientRole,
     Collision,
@@ -42,6 +43,7 @@ SPOKEN: dict[PacketClass, Packet] = {
     PacketClass.SIGNALS: Signals(("depth",)),
     PacketClass.PAYLOAD: Payload(1.0),
     PacketClass.COLLISION: Collision((0.0,) * N),
+    PacketClass.ANALOG: AnalogOutputs((0.0,) * 8),
 }
 EVERYTHING_SAID = [(where, side, word) for where in Conversation for side in Side for word in PacketClass]
 

@@ -227,6 +227,7 @@ IOD *named_iod(ROBOT *rp, const char *name); /* lines or an analogue channel, by
 long iod_read(IOD *iod);
 double iod_value(IOD *iod); /* in the unit of the deployment file; NaN: there is none now */
 int iod_write(IOD *iod, long value);
+int iod_set_value(IOD *iod, double value); /* of an analogue output, in the unit of the deployment file */
 
 Semaphore *new_sem(const char *name);
 int sem_take(Semaphore *semaphore);

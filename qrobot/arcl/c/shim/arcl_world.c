@@ -247,6 +247,12 @@ API int iod_write(IOD *iod, long value)
     return OK;
 }
 
+API int iod_set_value(IOD *iod, double value)
+{
+    arcl_call("iod_set_value", NULL, LIST(arcl_object(iod), arcl_real(value)));
+    return OK;
+}
+
 API Semaphore *new_sem(const char *name)
 {
     return made("new_sem", name, LIST(N(name)));

@@ -1,0 +1,102 @@
+"""Calls of a robot about what it does beside its motions: gripper, lines, analogue channels."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from contextlib import AbstractContextManager
+from math import inf, nan
+
+from qrobot.arcl.events import Grip
+from qrobot.arcl.machine import MachineSample, RobotMachine
+from qrobot.arcl.machine.digital import check_analog
+from qrobot.arrays import Floats
+from qrobot.config.signals import NamedSignal
+from qrobot.errors import ConfigError, MotionError
+from qrobot.rci.machine_choice import machine_choice
+
+
+class LineCalls(ABC):
+    """See above; `ArclRobot` is one.
+
+    Attributes:
+        name: of the arm.
+        ami: the way to it.
+    """
+
+    name: str
+    ami: RobotMachine
+
+    def __init__(self) -> None:
+        self._analog: dict[int, float] = {}
+
+    @abstractmethod
+    def _lock(self) -> AbstractContextManager[object]:
+        """Held while motions are touched."""
+
+    @property
+    @abstractmethod
+    def _seen(self) -> MachineSample:
+        """The newest sample."""
+
+    def gripper(self, command: int, value: float | None = None) -> None:
+        """Command the gripper, now. Raises MotionError: no such command or value, or not for this gripper."""
+        if isinstance(command, bool) or command not in set(Grip):
+            raise MotionError(f"gripper: {command!r} is none of {', '.join(one.name for one in Grip)}")
+        mm = _grip_value(Grip(command), value)
+        with self._lock():
+            self.ami.grip(command, mm)
+
+    def write_outputs(self, first: int, count: int, value: int) -> None:
+        """Switch `count` outputs from line `first` on to the bits of `value`. Raises MotionError: no such."""
+        with self._lock():
+            self.ami.write_outputs(first, count, value)
+
+    def write_analog(self, output: int, volts: float) -> None:
+        """Let an analogue output of the deployment file, from 1, show `volts`, now.
+
+        Raises MotionError: there is no such output, it does not show so much, or one before was refused.
+        """
+        check_analog(f"output {output} of {self.name}", volts, machine_choice().analog_ranges.get(output))
+        with self._lock():
+            self.ami.write_analog(output, volts)
+            self._analog[output] = float(volts)
+
+    def analog_written(self, output: int) -> float:
+        """Volts that this program has told an analogue output last; NaN before it has."""
+        return self._analog.get(output, nan)
+
+    @property
+    def lines(self) -> tuple[int, int]:
+        """Inputs and outputs as they were at the newest sample, line 1 in bit 0."""
+        return self._seen.inputs, self._seen.outputs
+
+    @property
+    def sensors(self) -> Floats:
+        """Volts at the channels of the converter at the newest sample, NaN where not known. Shape (8,)."""
+        return self._seen.sensors
+
+    def signal(self, name: str) -> NamedSignal:
+        """The signal of that name in the deployment file. Raises ConfigError: there is none; tells which there are."""
+        choice = machine_choice()
+        known = {
+            each.name: each for each in choice.signals if choice.robot is not None and choice.robot.name == self.name
+        }
+        if name in known:
+            return known[name]
+        if not known:
+            raise ConfigError(
+                f"{self.name} has no signal {name!r}, nor any other: name them by [[arm.signals]] of the deployment "
+                "file, and start the program with `qrobot run`"
+            )
+        raise ConfigError(f"{self.name} has no signal {name!r}; it has {', '.join(sorted(known))}")
+
+
+def _grip_value(command: Grip, value: object) -> float:
+    """Millimetres of a command that has some; 0 for the others, behind which nothing or a final 0 stands."""
+    if command not in (Grip.GRIP_CLOSE_BY, Grip.GRIP_OPEN_BY):
+        if value is None or (isinstance(value, int | float) and value == 0):
+            return 0.0
+        raise MotionError(f"gripper: {command.name} takes no value, not {value!r}")
+    if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 <= value < inf:
+        raise MotionError(f"gripper: {command.name} needs millimetres from 0 on, not {value!r}")
+    return float(value)
