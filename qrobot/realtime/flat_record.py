@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 
 from qrobot.arrays import Words
 from qrobot.realtime.jit import jit_disabled
-from qrobot.realtime.structure import WORD_BYTES, view_words
+from qrobot.realtime.structure import WORD_BYTES, record_type, view_words
 
 Bundle = TypeVar("Bundle")
 
@@ -39,7 +39,7 @@ def record_of(bundle: Bundle) -> Bundle:
     A bundle is a NamedTuple, of what never changes, or a dataclass, whose numbers kernels may assign to. Array fields
     of the record are views of its memory.
     """
-    record = np.zeros(1, dtype=_dtype_of(bundle)).view(np.recarray)
+    record = np.zeros(1, dtype=record_type(_dtype_of(bundle))).view(np.recarray)
     _fill(record[0], bundle)
     kept: Any = record[0]
     return kept  # type: ignore[no-any-return]

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from contextlib import redirect_stdout
+from functools import cache
+from io import StringIO
 from pathlib import Path
 
 import numpy as np
@@ -35,20 +38,33 @@ def _alone() -> Iterator[None]:
     forget_programs()
 
 
+Run = Callable[..., tuple[str, Stream]]
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
+    """What the program prints with these switches, and its stream: a run of each is enough."""
+
+    @cache
+    def once(*switches: str) -> tuple[str, Stream]:
+        folder = tmp_path_factory.mktemp("figure")
+        with redirect_stdout(StringIO()) as said:
+            run_example("s14_figure_5.py", folder, "+nolim", *switches)
+        return said.getvalue(), read_stream(folder / "puma560.arcl")
+
+    return once
+
+
 @pytest.mark.parametrize(
     ("switches", "printed"), [((), DONE), (("+tr",), TRANSFORMS + DONE), (("+m",), MOTIONS + DONE)]
 )
-def test_the_figure_is_printed_to_the_character(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], switches: tuple[str, ...], printed: str
-) -> None:
-    run_example("s14_figure_5.py", tmp_path, "+nolim", *switches)
-    assert capsys.readouterr().out == printed
+def test_the_figure_is_printed_to_the_character(run: Run, switches: tuple[str, ...], printed: str) -> None:
+    assert run(*switches)[0] == printed
 
 
 @pytest.fixture
-def stream(tmp_path: Path) -> Stream:
-    run_example("s14_figure_5.py", tmp_path, "+nolim")
-    return read_stream(tmp_path / "puma560.arcl")
+def stream(run: Run) -> Stream:
+    return run()[1]
 
 
 def test_the_run_takes_4858_samples_of_56_ms_and_ends_at_rest_at_park(stream: Stream) -> None:

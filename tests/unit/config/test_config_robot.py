@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import tomllib
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,7 @@ import pytest
 from pydantic import ValidationError
 
 from qrobot.config import Robot, load_robot, robot_path
+from qrobot.config.document import read_document
 from qrobot.config.robot import robot_of
 from qrobot.errors import ConfigError
 
@@ -221,3 +223,17 @@ def test_broken_toml_is_a_config_error_with_its_line(tmp_path: Any) -> None:
     path.write_text("name = \n")
     with pytest.raises(ConfigError, match="line 1"):
         load_robot(path)
+
+
+def test_a_file_read_again_does_not_know_what_was_done_to_its_first_reading() -> None:
+    path = robot_path("puma560")
+    first = read_document(path)
+    first["joints"].clear()
+    assert read_document(path) == tomllib.loads(path.read_text(encoding="utf-8"))
+
+
+def test_a_file_that_was_changed_is_read_anew(tmp_path: Path) -> None:
+    path = tmp_path / "some.toml"
+    for number in (1, 2):
+        path.write_text(f"number = {number}")
+        assert read_document(path) == {"number": number}

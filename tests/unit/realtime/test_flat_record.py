@@ -48,6 +48,12 @@ def test_what_a_kernel_does_to_a_block_is_seen_in_the_record() -> None:
     assert record.inner.words.tolist() == [7, 1, 2]
 
 
+def test_records_of_equal_bundles_have_one_type_by_which_calls_find_their_code() -> None:
+    assert outer().dtype is outer().dtype
+    assert block_of(outer()).dtype is block_of(outer()).dtype
+    assert record_of(Outer(Inner(2.5, np.arange(4)), np.array([1.0, 2.0]))).dtype != outer().dtype
+
+
 def test_a_block_keeps_its_record_alive() -> None:
     block = block_of(outer())
     assert block[0].vector.tolist() == [1.0, 2.0]

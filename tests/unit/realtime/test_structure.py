@@ -10,7 +10,7 @@ import pytest
 from qrobot.errors import LinkError
 from qrobot.hwif.board_memory import BOARD_MEMORY, LAYOUT, BoardMemory, attach_board_memory, create_board_memory
 from qrobot.realtime.atomics import load_acquire, store_release
-from qrobot.realtime.flat_record import copy_fields, words_of
+from qrobot.realtime.flat_record import block_of, copy_fields, words_of
 from qrobot.realtime.jit import lean_kernel
 from qrobot.realtime.structure import (
     LINE_BYTES,
@@ -157,6 +157,14 @@ def test_record_and_words_are_the_same_memory() -> None:
     assert view_words(record).size == DTYPE.itemsize // WORD_BYTES
     view_words(record.ring[2])[0] = 11
     assert record.ring[2].first == 11
+
+
+def test_records_with_the_same_fields_have_one_type_and_others_have_their_own() -> None:
+    """By identity: a call of a kernel compares types that are only equal field by field."""
+    here, there = local_record(dtype_of(Told, n=5)), record_in(np.zeros(100, np.int64), dtype_of(Told, n=5), 8)
+    assert here.dtype is there.dtype
+    assert block_of(here).dtype is block_of(there).dtype
+    assert local_record(dtype_of(Told, n=6)).dtype != here.dtype
 
 
 @lean_kernel
