@@ -191,7 +191,7 @@ TOLD = {
     "u": "nobody",
     "v": "diff_in: a null pointer",
     "w": "move: 0 values; from 2",
-    "x": "puma560 has no signal 'presure'; it has lamps, pressure",
+    "x": "puma560 has no signal 'presure'; it has lamps, power, pressure",
     "y": "pressure is an analogue channel, in bar: iod_value reads it",
 }
 
