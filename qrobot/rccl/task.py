@@ -2,9 +2,8 @@
 
 From power-up to release it goes through the cycle of every task that has a robot (`qrobot.rci.robot_cycle`). The
 generator stands still while the servo begins to follow, and runs while it follows. A path that outlives a stop of the
-servo waits while the arm stands, until somebody confirms that it may be led back (qrobot.motion.kept).
-
-It knows no clock and no thread: a `SampleDriver` of RCI calls `step` once per STATE.
+servo waits while the arm stands, until somebody confirms that it may be led back (qrobot.motion.kept). It knows no
+clock and no thread: a `SampleDriver` of RCI calls `step` once per STATE.
 """
 
 from __future__ import annotations
