@@ -94,7 +94,7 @@ def parse_document(content: bytes, label: str) -> dict[str, Any]:
 
 @lru_cache(maxsize=16)
 def _tables(content: bytes) -> dict[str, Any]:
-    """What a TOML file says, for nobody to change: a robot's is often asked for, and a copy takes a tenth of it."""
+    """Parse a TOML file, for nobody to change: a robot's is often asked for, and a copy takes a tenth of it."""
     return tomllib.loads(content.decode("utf-8"))
 
 
