@@ -14,10 +14,20 @@ from qrobot.errors import ProgramError
 from qrobot.model.transform import inverse, transform
 from qrobot.units import DEG_PER_RAD, M_PER_MM, MM_PER_M, RAD_PER_DEG
 from qrobot.val import tree
-from qrobot.val.values import FALSE, TRUE, JointLocation, Transformation, ValValue, joint_location, transformation
+from qrobot.val.values import (
+    FALSE,
+    TRUE,
+    JointLocation,
+    Transformation,
+    ValValue,
+    joint_location,
+    transformation,
+    within_reason,
+)
 from qrobot.val.vocabulary import LOCATION_VALUES, NUMBER_VALUES
 
 LARGEST_INDEX: Final = 1_000_000  # [A]
+LARGEST_WHOLE: Final = 2**31  # [A]
 _UNSET: Final = "the value of {} is not defined"
 
 
@@ -60,6 +70,8 @@ def whole_number_of(expression: tree.Expression, around: Surroundings) -> int:
     value = number_of(expression, around)
     if value != int(value):
         raise ProgramError(f"expected a whole number, not {value:g}", column=getattr(expression, "column", 0))
+    if abs(value) > LARGEST_WHOLE:
+        raise ProgramError(f"{value:g} is too large a whole number", column=getattr(expression, "column", 0))
     return int(value)
 
 
@@ -209,7 +221,7 @@ def _called(call: tree.FunctionCall, around: Surroundings) -> ValValue:  # noqa:
 
 def signal_holds(number: float, around: Surroundings) -> bool:
     """Whether a signal is on, or off for a negative number. Raises ProgramError when there is none of that number."""
-    if number != int(number):
+    if number != int(number) or abs(number) > LARGEST_WHOLE:
         raise ProgramError(f"{number:g} is no signal")
     return around.signal_is_on(abs(int(number))) == (number > 0)
 
@@ -245,7 +257,7 @@ _OF_LOCATIONS: Final[dict[str, Callable[[Sequence[Floats]], ValValue]]] = {
 def _changed(change: tree.LocationChange, around: Surroundings) -> Transformation:
     """SHIFT moves along the axes of the world, SCALE stretches the distance from its origin."""
     T = pose_of(change.location, around).copy()
-    by = [0.0 if argument is None else number_of(argument, around) for argument in change.by]
+    by = within_reason([0.0 if argument is None else number_of(argument, around) for argument in change.by])
     if change.name == "SHIFT":
         T[: len(by), 3] += M_PER_MM * np.array(by)
     else:

@@ -14,6 +14,8 @@ from qrobot.val.task import ValTask, Waits, Watch
 if TYPE_CHECKING:
     from qrobot.val.interpreter import Interpreter
 
+HIGHEST_PRIORITY: Final = 127  # V+'s (recalled)
+
 
 def _goto(_run: Interpreter, task: ValTask, action: tree.Goto) -> None:
     if action.condition is None or is_true(action.condition, task):
@@ -102,7 +104,7 @@ def _react(run: Interpreter, task: ValTask, action: tree.Reaction) -> None:
         return
     number = whole_number_of(action.signal, task)
     signal_holds(number, task)  # there is such a signal
-    priority = 1 if action.priority is None else whole_number_of(action.priority, task)
+    priority = 1 if action.priority is None else _priority(action.priority, task, "REACT", 1)
     task.watches[number] = Watch(action.program, priority, action.word == "REACTI")
     task.seen[number] = False
 
@@ -112,7 +114,14 @@ def _ignore(_run: Interpreter, task: ValTask, number: tree.Expression) -> None:
 
 
 def _lock(_run: Interpreter, task: ValTask, priority: tree.Expression) -> None:
-    task.frame_now.priority = whole_number_of(priority, task)
+    task.frame_now.priority = _priority(priority, task, "LOCK", 0)
+
+
+def _priority(expression: tree.Expression, task: ValTask, word: str, least: int) -> int:
+    priority = whole_number_of(expression, task)
+    if not least <= priority <= HIGHEST_PRIORITY:
+        raise ProgramError(f"{word}: expected a priority from {least} to {HIGHEST_PRIORITY}, not {priority}")
+    return priority
 
 
 def _pcexecute(run: Interpreter, task: ValTask, action: tree.ProcessStart) -> None:

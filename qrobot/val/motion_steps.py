@@ -15,11 +15,13 @@ from qrobot.val.evaluate import location_of, number_of, pose_of
 from qrobot.val.manner_steps import checked_speed
 from qrobot.val.printer import print_expression
 from qrobot.val.task import ValTask, Waits
-from qrobot.val.values import JointLocation, Transformation, joint_units
+from qrobot.val.values import JointLocation, Transformation, joint_units, within_reason
 from qrobot.val.workspace import aligned
 
 if TYPE_CHECKING:
     from qrobot.val.interpreter import Interpreter
+
+LONGEST_DELAY_S: Final = 86_400.0  # a day [A]
 
 
 def _move(straight: bool, approach: bool = False) -> Callable[..., Waits]:
@@ -82,6 +84,8 @@ def _ready(run: Interpreter, _task: ValTask) -> Waits:
 
 def _delay(run: Interpreter, task: ValTask, seconds: tree.Expression) -> Waits:
     length = number_of(seconds, task)
+    if not 0.0 <= length <= LONGEST_DELAY_S:
+        raise ProgramError(f"DELAY: expected 0 to {LONGEST_DELAY_S:.0f} seconds, not {length:g}")
     yield from wait_for_arrival(run, task)
     end = run.machine.arm.time_s + length
     yield lambda: run.machine.arm.time_s >= end
@@ -120,7 +124,7 @@ def _tool(run: Interpreter, task: ValTask, where: tree.Expression | None = None)
 
 def _base(run: Interpreter, task: ValTask, *numbers: tree.Expression | None) -> Waits:
     values = [0.0 if number is None else number_of(number, task) for number in numbers]
-    dx, dy, dz, rotation = (*values, *[0.0] * (4 - len(values)))
+    dx, dy, dz, rotation = (*within_reason(values), *[0.0] * (4 - len(values)))
     yield from wait_for_arrival(run, task)
     run.machine.space.move_base(dx * M_PER_MM, dy * M_PER_MM, dz * M_PER_MM, rotation * RAD_PER_DEG)
     run.machine.forget_destination()

@@ -18,7 +18,7 @@ A transformation is x, y, z in mm and o, a, t in degrees, a precision point the 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from math import isfinite
 from pathlib import Path
@@ -89,6 +89,8 @@ def _text(path: Path) -> str:
 
 
 def _reason(error: OSError | ValueError) -> str:
+    if isinstance(error, UnicodeDecodeError):
+        return "it is no text, but a binary file or one in another coding than UTF-8"
     return str(error.strerror if isinstance(error, OSError) else error)
 
 
@@ -168,6 +170,7 @@ class _SourceReader:
             name, numbers = found
             if len(numbers) != NUMBERS_OF_LOCATION:
                 raise ProgramError(f"location {name}: expected 6 numbers, not {len(numbers)}", column=1)
+            _once(name, self.source.locations)
             self.source.locations[name] = numbers
 
     def _number(self, _number: int, entry: str) -> None:
@@ -175,7 +178,13 @@ class _SourceReader:
             name, numbers = found
             if len(numbers) != 1:
                 raise ProgramError(f"{name}: expected 1 number, not {len(numbers)}", column=1)
+            _once(name, self.source.numbers)
             self.source.numbers[name] = numbers[0]
+
+
+def _once(name: str, stored: Mapping[str, object]) -> None:
+    if name in stored:
+        raise ProgramError(f"{name} is there twice", column=1)
 
 
 def _until_end(number: int, rest: Iterator[Numbered], errors: list[ProgramError]) -> Iterator[Numbered]:

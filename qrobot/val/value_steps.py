@@ -87,7 +87,7 @@ def _written(value: float, form: str) -> str:
     if form.startswith("F"):
         width, _, digits = form[1:].partition(".")
         return f"{value:{min(int(width or 0), 80) or ''}.{min(int(digits), 15)}f}"
-    return f"{value:.6g}"
+    return f" {value:.6g}"  # V+'s default begins with a blank (recalled)
 
 
 def _prompt(run: Interpreter, task: ValTask, action: tree.PromptFor) -> None:

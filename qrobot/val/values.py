@@ -10,12 +10,14 @@ import numpy as np
 
 from qrobot.arrays import Floats
 from qrobot.config import Robot
+from qrobot.errors import ProgramError
 from qrobot.model.orientation import oat, oat_angles
 from qrobot.model.transform import transform
 from qrobot.units import DEG_PER_RAD, M_PER_MM, MM_PER_M, RAD_PER_DEG
 
 TRUE: Final = -1.0
 FALSE: Final = 0.0
+LARGEST_NUMBER: Final = 1e6  # mm or degrees of a location [A]: a kilometre, some thousand turns
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,6 +29,10 @@ class Transformation:
     """
 
     T: Floats
+
+    def __post_init__(self) -> None:
+        """Raise ProgramError: the place is farther away than any that arms are used in."""
+        within_reason(self.T[:3, 3] * MM_PER_M)
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,12 +46,20 @@ class JointLocation:
     q: Floats
 
 
+def within_reason(numbers: Sequence[float]) -> Sequence[float]:
+    """The same mm, degrees or factors. Raises ProgramError: one is larger than a place or a turn can need."""
+    for number in numbers:
+        if not abs(number) <= LARGEST_NUMBER:
+            raise ProgramError(f"{number:g} is too large for a location: numbers go up to {LARGEST_NUMBER:,.0f}")
+    return numbers
+
+
 ValValue: TypeAlias = "float | Transformation | JointLocation"
 
 
 def transformation(numbers: Sequence[float]) -> Transformation:
     """The location of x, y, z (mm), o, a, t (degrees)."""
-    x, y, z, o, a, t = numbers
+    x, y, z, o, a, t = within_reason(numbers)
     rotation = oat(o * RAD_PER_DEG, a * RAD_PER_DEG, t * RAD_PER_DEG)
     return Transformation(transform(rotation, M_PER_MM * np.array([x, y, z])))
 
@@ -63,7 +77,7 @@ def joint_units(robot: Robot) -> Floats:
 
 def joint_location(degrees: Sequence[float], robot: Robot) -> JointLocation:
     """A precision point of joints in degrees (mm on a sliding joint)."""
-    return JointLocation(np.array(degrees, dtype=np.float64) * joint_units(robot))
+    return JointLocation(np.array(within_reason(degrees), dtype=np.float64) * joint_units(robot))
 
 
 def stored_numbers(value: Transformation | JointLocation, robot: Robot) -> tuple[float, ...]:

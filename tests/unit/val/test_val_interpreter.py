@@ -411,6 +411,18 @@ def test_an_analogue_output_is_set_on_either_library() -> None:
         ("DRIVE 7, 1, 10", "joints are 1 to 6"),
         ("SPEED 0", "SPEED: a number above 0"),
         ("PCEXECUTE main|DELAY 1", "beside"),
+        ("DELAY -1", "DELAY: expected 0 to 86400 seconds, not -1"),
+        ("DELAY 1E12", "DELAY: expected 0 to 86400 seconds, not 1e+12"),
+        ("LOCK 128", "LOCK: expected a priority from 0 to 127, not 128"),
+        ("LOCK 1E20", "1e+20 is too large a whole number"),
+        ("REACT 2001, main, 0", "REACT: expected a priority from 1 to 127, not 0"),
+        ("x = SIG(1E30)", "1e+30 is no signal"),
+        ("MOVE TRANS(1E308)", "1e+308 is too large for a location"),
+        ("MOVE #PPOINT(1E308,0,0,0,0,0)", "1e+308 is too large for a location"),
+        ("TOOL SHIFT(NULL BY 1E200)", "1e+200 is too large for a location"),
+        ("SET p = SCALE(TRANS(1E5) BY 1E5)", "1e+10 is too large for a location"),
+        ("BASE 1E308", "1e+308 is too large for a location"),
+        ("READY|APPRO HERE, 1E200", "is too large for a location"),
     ],
 )
 def test_a_mistake_while_it_runs_names_its_line(lines: str, said: str) -> None:
@@ -426,7 +438,13 @@ def test_a_reaction_with_a_higher_priority_alone_interrupts() -> None:
     program = main_program(*lines, rest=low + high)
     with interpreter(program) as (run, typed):
         assert run.execute("main") is RunState.COMPLETED
-        assert typed == ["high", "low1"]
+        assert typed == ["high", "low 1"]
+
+
+def test_a_number_without_a_format_has_a_blank_before_it() -> None:
+    with interpreter(main_program('TYPE "label", TRUE, FALSE', "TYPE INT(-3.7), FRACT(3.25), /I3, 7, 8")) as (run, typed):
+        assert run.execute("main") is RunState.COMPLETED
+        assert typed == ["label -1 0", " -3 0.25  7  8"]
 
 
 def test_do_leaves_a_paused_program_where_it_is() -> None:

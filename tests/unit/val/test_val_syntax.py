@@ -158,6 +158,8 @@ def test_a_file_that_is_printed_and_read_again_is_the_same() -> None:
         (".LOCATIONS\na 1 2\n.END", 2, "expected 6 numbers"),
         (".LOCATIONS\na 1 2 3 4 5 nan\n.END", 2, "finite"),
         (".REALS\na x\n.END", 2, "a name and numbers"),
+        (".REALS\na 1\nA 2\n.END", 3, "a is there twice"),
+        (".LOCATIONS\nb 1 2 3 4 5 6\n.END\n.LOCATIONS\nb 1 2 3 4 5 6\n.END", 5, "b is there twice"),
     ],
 )
 def test_every_mistake_of_a_file_is_told_with_its_line(text: str, line: int, said: str) -> None:
