@@ -90,6 +90,7 @@ class ArmStation:
         taught = self.places.numbers()
         return {
             "driver": self.lease.holder,
+            "asker": self.lease.asker,
             "problem": self.watch.problem,
             "notice": self._notice,
             "notices": self._notices,
@@ -97,6 +98,7 @@ class ArmStation:
             "guide": self.worker.guide,
             "led": self.worker.led,
             "commanded": self._commanded,
+            "collision": self._collision_facts(),
             "places": [*self.robot.poses, *taught],
             "taught": taught,
             "program": self.programs.facts,
@@ -123,10 +125,23 @@ class ArmStation:
         else:
             self.requests.act(name)
 
-    def take_arm(self, guide: bool) -> None:
-        """Begin to command the arm: to jog it, or with `guide` to lead it by hand."""
+    def take_arm(self, guide: bool, back_mm: float = 0.0) -> None:
+        """Begin to command the arm: to jog it, and go back from what it met, or with `guide` to lead it by hand."""
         self.worker.start()
-        self.worker.say(do="on", guide=guide)
+        self.worker.say(do="on", guide=guide, back=back_mm)
+
+    def choose_collision(self, share: float, reaction: str) -> None:
+        """Have collisions told at a share of the robot file's thresholds, and choose what follows them."""
+        most = self.robot.guard.unexplained_torque_or_default
+        self.requests.collision((share * most).tolist() if share < 1.0 else (), reaction)
+
+    def _collision_facts(self) -> dict[str, Any] | None:
+        """Choice for collisions that this pendant has made last, None for none."""
+        if (chosen := self.requests.collision_in_force) is None:
+            return None
+        thresholds, reaction = chosen
+        told = thresholds or self.robot.guard.unexplained_torque_or_default.tolist()
+        return {"thresholds": [round(each, 1) for each in told], "reaction": reaction}
 
     def keep_recording(self, smooth_mm: float) -> None:
         """Write what the arm was led through beside its logs, smoothed; told when it is. Raises ConfigError."""

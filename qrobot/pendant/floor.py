@@ -11,6 +11,7 @@ from qrobot.errors import MotionError
 from qrobot.pendant.arm_station import ArmStation, monotonic
 from qrobot.pendant.board_messages import PageBoardForce, PageBoardInject, PageBoardRepair
 from qrobot.pendant.frames import state_frame, vocabulary
+from qrobot.pendant.load_messages import PageCollision, PageLoad
 from qrobot.pendant.messages import (
     AnyMessage,
     PageAct,
@@ -32,6 +33,7 @@ from qrobot.pendant.messages import (
 from qrobot.pendant.procedure_messages import PageProcedureEnd, PageProcedureKeep, PageProcedureStart
 from qrobot.pendant.program_messages import PageProgramEnd, PageProgramInterrupt, PageProgramSay, PageProgramStart
 from qrobot.pendant.servo_requests import ANYBODY
+from qrobot.units import M_PER_MM
 from qrobot.wire import State
 
 MOST_FRAMES: Final = 256  # that wait for a page which does not read: some seconds of two arms, then the oldest go
@@ -125,8 +127,11 @@ class DriveFloor:
     def look_at_lease(self) -> None:
         """End the driving of pages that sleep; to be called each second."""
         for arm in self.arms:
+            before = arm.lease.holder
             if arm.lease.expire(self._clock()):
                 self._leave_alone(arm)
+                if (now := arm.lease.holder) is not None:
+                    arm.tell(f"page {before} did not answer: page {now} drives {arm.arm.name}")
 
     # ---------------------------------------------------------------------------------------------------- messages
 
@@ -137,6 +142,7 @@ class DriveFloor:
         if self._do_for_anybody(page, message):
             return
         if self._of(message).lease.holder == page.number:
+            self._refuse_asker(page, self._of(message))
             self._drive(page, message)
         elif not isinstance(message, PageBeat):
             page.complain("only the page that drives this arm can do that: press `Drive from here`")
@@ -148,8 +154,7 @@ class DriveFloor:
                 for arm in self.arms:
                     arm.stop()
             case PageTake():
-                self._of(message).lease.take(page.number, self._clock())
-                self.changed()
+                self._take_lease(page, self._of(message))
             case PageGive():
                 self._end_driving(page, self._of(message))
             case PageAlive():
@@ -184,8 +189,12 @@ class DriveFloor:
                 self._of(message).worker.say(do="beat", number=number)
             case PageAct(name=name):
                 self._of(message).act(name)
-            case PageCommand(on=on, guide=guide):
-                self._of(message).take_arm(guide) if on else self._of(message).give_arm()
+            case PageCommand(on=on, guide=guide, back_mm=back_mm):
+                self._of(message).take_arm(guide, back_mm) if on else self._of(message).give_arm()
+            case PageLoad(mass=mass, centre_mm=centre_mm):
+                self._of(message).requests.load(mass, [M_PER_MM * each for each in centre_mm])
+            case PageCollision(share=share, reaction=reaction):
+                self._of(message).choose_collision(share, reaction)
             case PageOverride(factor=factor):
                 self._of(message).requests.override(factor)
             case PageHand(opened=opened):
@@ -233,6 +242,20 @@ class DriveFloor:
             raise MotionError(f"there are {len(self.arms)} arms, none of number {message.arm + 1}")
         arm: ArmStation = self.arms[message.arm]
         return arm
+
+    def _take_lease(self, page: PageView, arm: ArmStation) -> None:
+        """Take the lease of an arm; while another page has it ask that one, or refuse whoever asks."""
+        self._refuse_asker(page, arm)
+        if not arm.lease.take(page.number, self._clock()) and (driver := self._pages.get(arm.lease.holder or 0)):
+            driver.complain(f"page {page.number} asks to drive {arm.arm.name}: Give up driving, or Keep driving")
+        self.changed()
+
+    def _refuse_asker(self, page: PageView, arm: ArmStation) -> None:
+        """A page does what only a driver does: whoever asks for the lease meanwhile is told that it does not get it."""
+        refused = arm.lease.keep(page.number)
+        if refused in self._pages:
+            self._pages[refused].complain(f"page {page.number} keeps driving {arm.arm.name}")
+            self.changed()
 
     def _end_driving(self, page: PageView, arm: ArmStation) -> None:
         if arm.lease.give(page.number):

@@ -8,6 +8,7 @@ from typing import Final
 
 from qrobot.errors import ServoFault
 from qrobot.pendant.held_press import HeldPress, Press
+from qrobot.pendant.jog_session import SILENT
 from qrobot.rccl.guiding import GuidedArm
 from qrobot.rccl.setpoints import Setpoints
 from qrobot.rci import LinkFactory
@@ -72,6 +73,8 @@ class GuideSession:
 
     def _step(self, arm: GuidedArm) -> None:
         press = self.press.held(self._clock())
+        if silence_s := self.press.take_silence():
+            self._tell(SILENT.format(silence_s))
         if press is not None and press.target != "guide":
             self._refuse(press)
             press = None

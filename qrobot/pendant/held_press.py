@@ -51,6 +51,7 @@ class HeldPress:
         self._press: Press | None = None
         self._heard_s = 0.0
         self._highest = 0
+        self._silence_s = 0.0
 
     def begin(self, press: Press, now_s: float) -> bool:
         """A button was pressed; False for a number that is not new. Any other press ends."""
@@ -83,7 +84,13 @@ class HeldPress:
         with self._lock:
             return self._living(now_s)
 
+    def take_silence(self) -> float:
+        """Time from the last word of a press to when it was found dead of silence, s; told once, 0 for none."""
+        with self._lock:
+            silence_s, self._silence_s = self._silence_s, 0.0
+            return silence_s
+
     def _living(self, now_s: float) -> Press | None:
         if self._press is not None and not 0.0 <= now_s - self._heard_s <= PATIENCE_S:
-            self._press = None
+            self._press, self._silence_s = None, now_s - self._heard_s
         return self._press

@@ -3,11 +3,13 @@
 It reads lines of JSON from its input and writes some to its output; at the end of its input, whatever the reason, it
 brings the arm to rest and ends.
 
-    {"do": "on", "guide": false}, {"do": "off"}, {"do": "press", ...}, {"do": "beat", "number": 3}, {"do": "release"},
-    {"do": "stop"}, {"do": "hand", "opened": true}, {"do": "keep", "path": "led.csv", "smooth": 0.003}, {"do": "forget"}
+    {"do": "on", "guide": false, "back": 20.0}, {"do": "off"}, {"do": "press", ...}, {"do": "beat", "number": 3},
+    {"do": "release"}, {"do": "stop"}, {"do": "hand", "opened": true}, {"do": "keep", "path": "led.csv",
+    "smooth": 0.003}, {"do": "forget"}
     {"session": "no" | "opening" | "ready", "text": "for people", "guide": false, "led": [2.5, 4.0]}
 
-With "guide" the arm is led by hand; "led" are the lengths of what was recorded, in s.
+An arm that is jogged goes "back" so many mm from what it met, 0 for not at all. With "guide" it is led by hand; "led"
+are the lengths of what was recorded, in s.
 """
 
 from __future__ import annotations
@@ -60,7 +62,7 @@ class JogProcess:
         self._clock = clock
         self._robot, self._link, self._taught, self._answers = robot, link, taught, answers
         self._session: JogSession | GuideSession | None = None
-        self._guide = False
+        self._guide, self._back_mm = False, 0.0
         self._led: list[Setpoints] = []
         self._wanted = threading.Event()
         self._over = self._stopped = False
@@ -102,7 +104,7 @@ class JogProcess:
         tell = lambda text: self._say("ready", text)  # noqa: E731
         if self._guide:
             return GuideSession(self._robot, self._link, self._follows, tell, self._clock)
-        return JogSession(self._robot, self._link, self._taught, self._follows, tell, self._clock)
+        return JogSession(self._robot, self._link, self._taught, self._follows, tell, self._clock, self._back_mm)
 
     def _recorded(self) -> list[Setpoints]:
         """Everything that the arm was led through since the last `forget`."""
@@ -129,7 +131,8 @@ class JogProcess:
         session, now_s = self._session, self._clock()
         match message.pop("do"):
             case "on":
-                self._guide = message.get("guide", False) if session is None else self._guide
+                if session is None:
+                    self._guide, self._back_mm = message.get("guide", False), message.get("back", 0.0)
                 self._wanted.set()
             case "off":
                 self._leave()

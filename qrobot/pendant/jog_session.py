@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
+from typing import Final
 
 from qrobot.arrays import Floats
 from qrobot.config import Robot
@@ -20,6 +21,7 @@ from qrobot.rccl.position import Position
 from qrobot.rci import LinkFactory
 
 PERIOD_MS = 28.0  # the servo must hear of the button every 70 ms
+SILENT: Final = "the arm was braked: nothing was heard of the page that drives for {:.3f} s; press anew to go on"
 
 
 class JogSession:
@@ -32,6 +34,7 @@ class JogSession:
         ready: called when the arm follows.
         tell: takes a line for people.
         clock: seconds; that of the presses.
+        back_mm: how far the arm goes back from what it met, see `Channel.retract`.
 
     Attributes:
         press: what is held in the page that drives; for other threads.
@@ -45,8 +48,9 @@ class JogSession:
         ready: Callable[[], None],
         tell: Callable[[str], None],
         clock: Callable[[], float] = time.monotonic,
+        back_mm: float = 0.0,
     ) -> None:
-        self.press = HeldPress()
+        self.press, self._back_mm = HeldPress(), back_mm
         self._robot, self._link, self._taught = robot, link, taught
         self._ready, self._tell, self._clock = ready, tell, clock
         self._leaving = False
@@ -79,6 +83,7 @@ class JogSession:
                 self.press.end()
 
     def _serve(self, arm: Channel) -> None:
+        arm.retract(self._back_mm)
         motion = HeldMotion(arm, lambda: self.press.held(self._clock()))
         self.press.end()  # what was held before the arm could follow
         self._ready()
@@ -108,6 +113,8 @@ class JogSession:
             self._tell(f"not done: {error}")
         self.press.end_of(press)
         self._done = press
+        if silence_s := self.press.take_silence():
+            self._tell(SILENT.format(silence_s))
 
     def _axes(self, frame: str) -> Floats | None:
         """Axes of a taught place, columns (3, 3), in the base; None for "". Raises ConfigError: no such place."""

@@ -9,6 +9,7 @@ from pydantic import Field, TypeAdapter, ValidationError
 from qrobot.errors import RemoteProtocolError
 from qrobot.pendant.board_messages import PageBoardForce, PageBoardInject, PageBoardRepair
 from qrobot.pendant.held_press import PressTarget
+from qrobot.pendant.load_messages import BackMm, PageCollision, PageLoad
 from qrobot.pendant.page_message import ArmNumber, PageMessage
 from qrobot.pendant.procedure_messages import PageProcedureEnd, PageProcedureKeep, PageProcedureStart
 from qrobot.pendant.program_messages import PageProgramEnd, PageProgramInterrupt, PageProgramSay, PageProgramStart
@@ -65,12 +66,17 @@ class PageOverride(PageMessage):
 
 
 class PageCommand(PageMessage):
-    """Take an arm under command, with `guide` to lead it by hand, or end it."""
+    """Take an arm under command, with `guide` to lead it by hand, or end it.
+
+    Attributes:
+        back_mm: how far a jogged arm goes back from what it met, 0 for not at all.
+    """
 
     do: Literal["command"]
     arm: ArmNumber
     on: bool
     guide: bool = False
+    back_mm: BackMm = 0.0
 
 
 class PageLed(PageMessage):
@@ -165,6 +171,8 @@ AnyMessage = Annotated[
     | PageRecord
     | PageRemove
     | PagePlace
+    | PageLoad
+    | PageCollision
     | PageProgramStart
     | PageProgramEnd
     | PageProgramInterrupt

@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Any, Final
 from qrobot.errors import QRobotError
 from qrobot.pendant.arm_station import ArmStation
 from qrobot.pendant.floor import DriveFloor
+from qrobot.pendant.servo_requests import ANSWER_S
+from qrobot.servo.operator.client import ServoClient
 
 if TYPE_CHECKING:
     from fastapi import FastAPI
@@ -56,6 +58,9 @@ def add_queries(app: FastAPI, floor: DriveFloor) -> None:
     def board(arm: int, kinds: bool = False) -> dict[str, Any]:
         return of(arm).board.look(kinds)
 
+    def load(arm: int) -> dict[str, Any]:
+        return {"mass": told(lambda: load_of(of(arm).arm.name))}
+
     def procedure(arm: int, after: int) -> dict[str, Any]:
         return of(arm).procedures.output(after)
 
@@ -63,7 +68,14 @@ def add_queries(app: FastAPI, floor: DriveFloor) -> None:
         app.add_api_route(f"/ask/programs/{answer.__name__}", answer, methods=["GET"], response_model=None)
     app.add_api_route("/ask/programs", programs, methods=["GET"], response_model=None)
     app.add_api_route("/ask/procedure", procedure, methods=["GET"], response_model=None)
+    app.add_api_route("/ask/load", load, methods=["GET"], response_model=None)
     app.add_api_route("/ask/board", board, methods=["GET"], response_model=None)
+
+
+def load_of(arm: str) -> float:
+    """Mass of the payload that the servo of an arm reckons with, kg. Raises QRobotError: the servo does not answer."""
+    with ServoClient(arm, ANSWER_S) as servo:
+        return servo.status().payload_mass
 
 
 def _setpoints(arm: ArmStation) -> bytes:

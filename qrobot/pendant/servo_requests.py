@@ -7,7 +7,7 @@ for of two that were made shortly after each other the newer one has to be in fo
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Final
 
 from qrobot.errors import QRobotError
@@ -20,7 +20,12 @@ ANSWER_S: Final = 0.2  # patience with the servo's answer to a stop
 REPLY_S: Final = 30.0  # with the others
 POWER_OFF: Final = "power off"
 OVERRIDE: Final = "override"
+LOAD, COLLISION = "load", "collision"
 GO_ON: Final = "to go on take the arm, start its program anew, or let one that waits go back to its path"
+REACTIONS: Final = {
+    "stop": "stops the arm and holds it where it got to",
+    "comply": "stops the arm, which is soft for two seconds before it is held",
+}
 ServoAct = Callable[[ServoClient], object]
 ServoHalt = Callable[[ServoClient], ServoStatus]
 ACTIONS: Final[dict[str, ServoAct]] = {
@@ -43,6 +48,9 @@ class ServoRequests:
         arm: instance name.
         tell: takes a line for people, from another thread.
         connect: opens the control interface, with patience in s.
+
+    Attributes:
+        collision_in_force: thresholds and reaction that the servo has taken from this pendant last; None for none.
     """
 
     def __init__(
@@ -50,7 +58,8 @@ class ServoRequests:
     ) -> None:
         self._arm, self._tell, self._connect = arm, tell, connect
         self._stops, self._power_offs = (threading.BoundedSemaphore(MOST_STOPS) for _ in range(2))
-        kinds = {OPPOSITES.get(name, name) for name in (*ACTIONS, OVERRIDE)}
+        kinds = {OPPOSITES.get(name, name) for name in (*ACTIONS, OVERRIDE, LOAD, COLLISION)}
+        self.collision_in_force: tuple[tuple[float, ...], str] | None = None
         self._lanes = {kind: RequestLane(kind) for kind in kinds}
 
     def stop(self, by_bridge: bool) -> None:
@@ -86,6 +95,24 @@ class ServoRequests:
     def override(self, factor: float) -> None:
         """Change the speed override; returns at once. The newest of several is in force at the end."""
         self._begin(lambda servo: servo.change_override(factor), OVERRIDE)
+
+    def load(self, mass: float, centre_m: Sequence[float]) -> None:
+        """Let the servo reckon with a load, kg and m; told when it does, or why it does not. Returns at once."""
+
+        def change(servo: ServoClient) -> None:
+            self._tell(f"the servo reckons with {servo.change_payload(mass, centre_m).payload_mass:g} kg in the hand")
+
+        self._begin(change, LOAD)
+
+    def collision(self, thresholds: Sequence[float], reaction: str) -> None:
+        """Choose when a collision is told, N m (N) of each joint, and what follows; told when it counts."""
+
+        def change(servo: ServoClient) -> None:
+            servo.change_collision(thresholds, reaction)
+            self.collision_in_force = (tuple(thresholds), reaction)
+            self._tell(f"after a collision the servo {REACTIONS[reaction]}")
+
+        self._begin(change, COLLISION)
 
     def _begin(self, act: ServoAct, name: str) -> None:
         def run() -> None:

@@ -39,6 +39,13 @@ class Relay:
             with suppress(OSError):
                 far.shutdown(socket.SHUT_RDWR)
 
+    def mend(self) -> None:
+        """Hand on again; connections that were cut are closed, for what was swallowed is lost."""
+        sockets, self._sockets = self._sockets, []
+        for one in sockets:
+            _end(one)
+        self.cut = False
+
     def __enter__(self) -> Relay:
         self._threads[0].start()
         return self

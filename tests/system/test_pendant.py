@@ -5,6 +5,7 @@ from __future__ import annotations
 import http.client
 import io
 import os
+import re
 import signal
 import subprocess
 from collections.abc import Callable, Iterator
@@ -23,11 +24,14 @@ from qrobot.hwif.board_memory import PANEL_MICRO, attach_board_memory
 from qrobot.modecodes import Mode
 from qrobot.model.arm import Arm
 from qrobot.pendant.gate import cookie_name
+from qrobot.pendant.held_press import PATIENCE_S as PRESS_PATIENCE_S
+from qrobot.servo.checks.hold_to_run import PATIENCE_NS
 from qrobot.servo.operator.client import ServoClient
 from qrobot.wire.vocabulary import RobotFlag
 from tests.support.browser import Page, open_browser
 from tests.support.patience import PATIENCE_S, give_time, wait_until
 from tests.support.processes import RunningArm, free_port, qrobot
+from tests.support.relay import Relay
 from tests.support.shared_arm import SharedArm
 
 pytestmark = pytest.mark.realtime
@@ -90,6 +94,10 @@ class Pendant:
         self.host, _, query = self.address.removeprefix("http://").partition("/?")
         token = query.removeprefix("token=")
         self.cookie = f"{cookie_name(token)}={token}"
+
+    def address_by(self, relay: Relay) -> str:
+        """Its address through something between."""
+        return self.address.replace(self.host, f"127.0.0.1:{relay.port}")
 
     def status_of(self, path: str, **headers: str) -> int:
         """Status with which a request is answered."""
@@ -198,9 +206,10 @@ def test_an_arm_is_driven_from_one_page_and_a_page_that_stalls_or_dies_moves_it_
     arm: RunningArm, pendant: Pendant
 ) -> None:
     arm.wait_for_rest()
-    with open_browser() as driver:
-        page = Page(driver, pendant.address)
-        assert page.run("return location.href").startswith(f"http://{pendant.host}/#")  # the token has left the address
+    host, port = pendant.host.split(":")
+    with Relay((host, int(port))) as relay, open_browser() as driver:
+        page = Page(driver, pendant.address_by(relay))
+        assert page.run("return location.href").startswith(f"http://127.0.0.1:{relay.port}/#")  # without the token
         the_arm_is_seen_where_its_kinematics_says(page)
         the_page_knows_how_far_off_each_fence_is(page, pendant)
         every_tab_opens(page)
@@ -215,7 +224,7 @@ def test_an_arm_is_driven_from_one_page_and_a_page_that_stalls_or_dies_moves_it_
 
         watcher = Page(driver, f"{pendant.address}#teach", window=True)
         assert not watcher.run("return pendant.driving")
-        assert watcher.run("return document.getElementById('drive').disabled")
+        assert watcher.shows("#drive", "Ask page")
         watcher.run("pendant.say({do: 'press', arm: 0, number: 99, target: 'joint', name: '1'})")
         assert is_at_rest(arm)
         each_arm_has_a_lease_that_is_taken_and_given_up(page, watcher)
@@ -229,6 +238,8 @@ def test_an_arm_is_driven_from_one_page_and_a_page_that_stalls_or_dies_moves_it_
         wait_until(lambda: is_at_rest(arm), "at rest since the page stalled")
         assert is_at_rest(arm)
         page.let_go()
+
+        the_arm_is_braked_when_the_network_is_cut_and_moves_with_another_press_alone(page, watcher, arm, relay)
 
         press_until_it_moves(page, arm)
         watcher.type(Keys.ESCAPE)  # anybody may stop
@@ -263,13 +274,41 @@ def each_arm_has_a_lease_that_is_taken_and_given_up(page: Page, other: Page) -> 
     other.click("drive")
     wait_until(lambda: drivers(page) == drivers(other) == [first, second], "each drives an arm")
     wait_until(lambda: page.shows('[data-arm="1"]', f"page {second} drives"), "it is shown")
-    page.click("drive")  # gives up
     choose_arm(other, 0)
+    other.click("drive")  # asks
+    wait_until(lambda: page.shows("#notice", f"page {second} asks to drive"), "the page that drives is told")
+    assert drivers(other) == [first, second]
+    page.click("keep")
+    wait_until(lambda: other.shows("#notice", f"page {first} keeps driving"), "it does not get it")
     other.click("drive")
+    wait_until(lambda: page.shows("#drive", f"Give up to page {second}"), "the page that drives is asked")
+    page.click("drive")
     wait_until(lambda: drivers(page) == drivers(other) == [second, second], "the other page drives both")
     assert page.run("return pendant.hold('joint', '1', {})") is False
     other.click("drive")
     wait_until(lambda: drivers(page) == [None, second], "the first arm is free")
+
+
+def the_arm_is_braked_when_the_network_is_cut_and_moves_with_another_press_alone(
+    page: Page, watcher: Page, arm: RunningArm, relay: Relay
+) -> None:
+    """Told by the process that moves the arm. Where it stalls itself the servo stops the arm first: then once more."""
+    silence = None
+    while silence is None:
+        take(page)
+        press_until_it_moves(page, arm)
+        relay.cut = True  # both ends stay open: nobody is told
+        wait_until(lambda: is_at_rest(arm), "at rest since the network was cut")
+        silence = re.search(
+            r"heard of the page that drives for ([\d.]+) s", watcher.run("return pendant.armStatus.notice")
+        )
+        assert is_at_rest(arm)  # with the button still down
+        relay.mend()
+        wait_until(lambda: page.run("return pendant.open && pendant.armStatus !== null"), "the page is back")
+        assert is_at_rest(arm)
+        page.let_go()
+    assert PRESS_PATIENCE_S < float(silence[1]) <= PRESS_PATIENCE_S + PATIENCE_NS * 1e-9
+    take(page)
 
 
 def the_arm_is_led_by_hand_while_its_button_is_held(page: Page, arm: RunningArm) -> None:

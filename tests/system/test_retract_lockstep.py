@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -11,6 +13,8 @@ from qrobot.config.scene import Scene
 from qrobot.errors import ServoFault
 from qrobot.faultcodes import FaultCode
 from qrobot.motion import Termination
+from qrobot.pendant.held_press import Press
+from qrobot.pendant.jog_session import JogSession
 from qrobot.rig.lockstep import LockstepRig, link_factory
 from qrobot.servo.settings import ServoSettings
 from qrobot.sim_board.emulator import Emulator
@@ -131,3 +135,33 @@ def test_a_program_chooses_what_follows_a_collision_and_how_soon_one_is_told(rea
     lowest, highest = (0.018, 0.027) if reaction == "retract" else (-0.001, 0.003)
     assert lowest < one.tip_m() < highest
     assert one.state.watch.asked.tolist() == [0.0] * 6  # the next program has the robot file's again
+
+
+@pytest.mark.parametrize(("held_on", "back"), [(True, True), (False, False)], ids=["held on", "let go"])
+def test_a_jogged_arm_goes_back_from_what_it_met_while_its_button_is_held(
+    held_on: bool, back: bool, tmp_path: Path
+) -> None:
+    """A button that is let go of when it meets something leaves the arm where the servo has stopped it."""
+    one, said = Table(), list[str]()
+
+    class Button:
+        """Down from half a second on, and told of all the time."""
+
+        def __call__(self) -> float:
+            now_s = one.now_ns * 1e-9 - began_s
+            if now_s > 0.5 and not self.pressed:
+                self.pressed = session.press.begin(Press(1, "axis", "dz", -1.0, share=2.0), now_s)
+            met = max(one.forces, default=0.0) > 30.0
+            session.press.beat(1, now_s) if held_on or not met else session.press.end()
+            return now_s
+
+        pressed = False
+
+    began_s = one.now_ns * 1e-9
+    link = lambda hello: link_factory(one, 28_000, hello)  # noqa: E731
+    session = JogSession(ROBOT.name, link, tmp_path / "t.db", lambda: None, said.append, Button(), back_mm=25.0)
+    with pytest.raises(ServoFault) as told:
+        session.run()
+    assert told.value.code in (FaultCode.COLLISION, FaultCode.HOLD_TO_RUN)
+    one.run_for(0.3)
+    assert (one.tip_m() > 0.015) is back

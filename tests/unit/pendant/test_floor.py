@@ -17,7 +17,7 @@ from qrobot.model.transform_file import TransformFile
 from qrobot.pendant.arm_station import ArmStation
 from qrobot.pendant.floor import DriveFloor
 from qrobot.pendant.frames import HEAD, STATE_FRAME
-from qrobot.pendant.lease import SILENCE_S
+from qrobot.pendant.lease import ANSWER_S, SILENCE_S
 from qrobot.pendant.messages import decode_message
 from qrobot.wire import RobotState, State
 from tests.support.puma import ROBOT
@@ -105,6 +105,66 @@ def test_a_page_that_goes_or_sleeps_lets_go_of_the_arm_and_another_one_may_drive
     floor.look_at_lease()
     assert floor.asked == given
     assert json.loads(floor.status(floor.pages[1]))["arms"][0]["driver"] is None
+
+
+def test_a_page_asks_the_one_that_drives_which_is_told_and_keeps_the_arm_gives_it_up_or_lets_it_go(
+    floor: Floor,
+) -> None:
+    first, second = floor.pages
+    given = [{"do": "release"}, {"do": "off"}]
+    floor.says(0, do="take", arm=0)
+    assert floor.says(1, do="take", arm=0) == []
+    assert "page 2 asks to drive" in json.loads(floor.status(first))["notice"]
+    assert json.loads(floor.status(first))["arms"][0] | {"driver": 1, "asker": 2} == floor.station.status
+    assert floor.says(1, **PRESS) == []
+    floor.says(0, do="beat", arm=0, number=1)
+    assert "page 1 keeps driving" in json.loads(floor.status(second))["notice"]
+    assert floor.station.lease.asker is None
+    floor.says(1, do="take", arm=0)
+    assert floor.says(0, do="take", arm=0) == []  # Keep driving
+    assert [floor.station.lease.holder, floor.station.lease.asker] == [1, None]
+    floor.says(1, do="take", arm=0)
+    assert floor.says(0, do="give", arm=0) == given
+    assert floor.station.lease.holder == 2
+    floor.says(0, do="take", arm=0)
+    for _ in range(int(ANSWER_S) + 1):
+        del floor.asked[:]
+        floor.now_s += 1.0
+        floor.says(1, do="alive")
+        floor.look_at_lease()
+    assert floor.station.lease.holder == 1
+    assert floor.asked == given
+    assert "page 2 did not answer: page 1 drives" in floor.station.status["notice"]
+
+
+def test_load_collisions_and_the_way_back_are_chosen_by_the_page_that_drives_alone(floor: Floor) -> None:
+    requests, asked = floor.station.requests, floor.asked
+    requests.load = lambda *told: asked.append(told)  # type: ignore[method-assign]
+    requests.collision = lambda *told: asked.append(told)  # type: ignore[method-assign]
+    load = {"do": "load", "arm": 0, "mass": 1.5, "centre_mm": [0, 10, 50]}
+    collision = {"do": "collision", "arm": 0, "share": 0.5, "reaction": "comply"}
+    assert floor.says(0, **load) == floor.says(0, **collision) == []
+    floor.says(0, do="take", arm=0)
+    ((mass, centre_m),) = floor.says(0, **load)
+    assert (mass, centre_m) == (1.5, pytest.approx([0.0, 0.01, 0.05]))
+    ((thresholds, reaction),) = floor.says(0, **collision)
+    assert thresholds == pytest.approx((0.5 * ROBOT.guard.unexplained_torque_or_default).tolist())
+    assert reaction == "comply"
+    assert floor.says(0, **collision | {"share": 1.0})[0][0] == ()  # those of the robot file
+    told = floor.says(0, do="command", arm=0, on=True, back_mm=20)
+    assert told == [{"do": "on", "guide": False, "back": 20.0}]
+    assert floor.station.status["collision"] is None
+    requests.collision_in_force = ((1.0,) * 6, "stop")
+    assert floor.station.status["collision"] == {"thresholds": [1.0] * 6, "reaction": "stop"}
+    bad = (
+        load | {"mass": -1},
+        load | {"centre_mm": [0, 0]},
+        collision | {"share": 2},
+        collision | {"reaction": "retract"},
+    )
+    for message in (*bad, {"do": "command", "arm": 0, "on": True, "back_mm": 301}):
+        with pytest.raises(RemoteProtocolError):
+            decode_message(json.dumps(message))
 
 
 def test_each_of_two_arms_is_driven_by_the_page_that_has_its_lease_and_stop_stops_both(tmp_path: Path) -> None:

@@ -118,7 +118,9 @@ def test_an_arm_is_led_while_its_button_is_held_and_a_page_that_fell_silent_lead
     assert len(page.session.recordings) == 2
     first, second = page.session.recordings
     np.testing.assert_allclose(first.q[-1], second.q[0], atol=0.02)
-    assert [text for text in page.said if "let go of it" in text] == page.said  # the button of the joint
+    silent, refused = page.said
+    assert "nothing was heard of the page" in silent
+    assert "let go of it" in refused  # the button of the joint
 
     answers, path = io.StringIO(), tmp_path / "led.csv"
     process = JogProcess("puma560", pytest.fail, tmp_path / "t.db", answers, page.now_s)

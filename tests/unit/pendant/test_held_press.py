@@ -6,7 +6,7 @@ import pytest
 
 from qrobot.errors import RemoteProtocolError
 from qrobot.pendant.held_press import BEAT_S, PATIENCE_S, HeldPress, Press
-from qrobot.pendant.lease import SILENCE_S, DriverLease
+from qrobot.pendant.lease import ANSWER_S, SILENCE_S, DriverLease
 from qrobot.pendant.messages import decode_message
 
 FIRST, SECOND = Press(1, "joint", "1"), Press(2, "axis", "dx", -1.0)
@@ -78,6 +78,29 @@ def test_one_page_drives_until_it_gives_up_or_sleeps() -> None:
     assert lease.holder == 2
     assert lease.give(2)
     assert lease.holder is None
+
+
+def test_a_page_that_asks_gets_the_lease_when_it_is_given_up_or_nobody_answers_and_not_when_it_is_kept() -> None:
+    lease = DriverLease()
+    lease.take(1, 0.0)
+    assert not lease.take(2, 1.0)
+    assert not lease.take(3, 2.0)  # the first that asks is asked for
+    assert lease.asker == 2
+    assert lease.keep(3) is None
+    assert [lease.keep(1), lease.asker, lease.holder] == [2, None, 1]
+    lease.take(2, 3.0)
+    assert lease.give(1)
+    assert [lease.holder, lease.asker] == [2, None]
+    lease.take(3, 4.0)
+    lease.give(3)  # it has gone
+    assert lease.asker is None
+    for second in range(5, 5 + int(ANSWER_S)):
+        lease.hear(2, float(second))
+        lease.take(1, float(second))  # whoever asks again waits no longer
+        assert not lease.expire(float(second))
+    lease.hear(2, 5.1 + ANSWER_S)
+    assert lease.expire(5.1 + ANSWER_S)
+    assert lease.holder == 1
 
 
 @pytest.mark.parametrize(

@@ -120,6 +120,9 @@ def test_a_page_that_stalls_and_comes_back_with_its_button_down_moves_nothing_un
     assert desk.at(5.9) == pytest.approx(desk.at(rest_s), abs=1e-9)
     assert not any(desk.held[round(rest_s / 0.028) + 1 : round(5.9 / 0.028)])  # the servo was told so too
     assert desk.at(8.4)[0] > desk.at(5.9)[0] + 0.1
+    (told,) = desk.said
+    silence_s = float(told.partition(" for ")[2].partition(" s;")[0])
+    assert PATIENCE_S < silence_s <= PATIENCE_S + PERIOD_MS * 1e-3 + 5e-4  # found at the next sample, told in ms
 
 
 def test_steps_end_by_themselves_straight_inside_the_range_and_along_the_axes_of_a_taught_place(tmp_path: Path) -> None:

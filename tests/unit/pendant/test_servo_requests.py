@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import threading
+from collections.abc import Sequence
+from types import SimpleNamespace
 from typing import Any, Self
 
-from qrobot.errors import LinkLost
+from qrobot.errors import ConfigError, LinkLost
 from qrobot.pendant.servo_requests import ServoRequests
 from tests.support.patience import PATIENCE_S
 
@@ -34,6 +36,16 @@ class SlowServo:
             raise LinkLost("the servo went")
         if factor == 0.3:
             self.last.set()
+
+    def change_payload(self, mass: float, centre: Sequence[float]) -> Any:
+        self.last.set()
+        if mass > 4.0:
+            raise ConfigError(f"{mass:g} kg: the shoulder cannot hold it")
+        self.done.append((mass, tuple(centre)))
+        return SimpleNamespace(payload_mass=mass)
+
+    def change_collision(self, thresholds: Sequence[float], reaction: str) -> None:
+        self.done.append((tuple(thresholds), reaction))
 
     def resume(self) -> None:
         self.done.append("resume")
@@ -77,3 +89,25 @@ def test_a_stop_waits_for_no_request_and_those_that_wait_are_forgotten() -> None
     servo.go_on.set()
     assert servo.last.wait(PATIENCE_S)
     assert servo.done == ["resume", "stop", "pause"]
+
+
+def test_a_load_and_what_follows_a_collision_are_told_when_the_servo_has_taken_them_and_why_it_has_not() -> None:
+    servo, told = SlowServo(), []
+    arrived = threading.Event()
+
+    def tell(text: str) -> None:
+        told.append(text)
+        arrived.set()
+
+    requests = ServoRequests("arm", tell, servo)  # type: ignore[arg-type]
+    for mass, answer in ((1.5, "the servo reckons with 1.5 kg"), (9.0, "load: 9 kg: the shoulder cannot hold it")):
+        requests.load(mass, (0.0, 0.01, 0.05))
+        assert arrived.wait(PATIENCE_S)
+        assert answer in told[-1]
+        arrived.clear()
+    assert requests.collision_in_force is None
+    requests.collision((10.0, 20.0), "comply")
+    assert arrived.wait(PATIENCE_S)
+    assert "soft for two seconds" in told[-1]
+    assert servo.done == [(1.5, (0.0, 0.01, 0.05)), ((10.0, 20.0), "comply")]
+    assert requests.collision_in_force == ((10.0, 20.0), "comply")

@@ -26,6 +26,7 @@ export function makeBar(root) {
   const power = el("span", { class: "chip", id: "power" });
   const data = el("span", { class: "chip", id: "data" });
   const drive = el("button", { id: "drive", onclick: () => link.drive() });
+  const keep = el("button", { id: "keep", hidden: true, onclick: () => link.keep() }, "Keep driving");
   const stop = el("button", { class: "stop", id: "stop", "aria-keyshortcuts": "Escape Space" }, "STOP", el("small", {}, "Esc · Space"));
   stop.addEventListener("pointerdown", () => link.stop());
   stop.addEventListener("click", (event) => event.detail === 0 && link.stop()); // by the keyboard
@@ -37,7 +38,7 @@ export function makeBar(root) {
   const who = el("span", {});
   const driver = el("span", { class: "chip", id: "driver" }, who, own);
   root.append(
-    el("header", { class: "bar" }, brand, arms, mode, power, data, el("span", { class: "gap" }), driver, drive, stop),
+    el("header", { class: "bar" }, brand, arms, mode, power, data, el("span", { class: "gap" }), driver, drive, keep, stop),
     fault, notice,
   );
 
@@ -53,8 +54,10 @@ export function makeBar(root) {
     const others = !link.open ? "—" : link.driving ? "✔ you drive" : status?.driver ? `page ${status.driver} drives` : "nobody drives";
     setText(who, link.open ? others : "no pendant");
     setText(own, link.open ? ` · you are page ${link.page}` : "");
-    setText(drive, link.driving ? "Give up driving" : "Drive from here");
-    drive.disabled = !link.open || (!link.driving && Boolean(status?.driver));
+    const asks = status?.asker ?? 0, asked = asks === link.page;
+    setText(drive, link.driving ? (asks ? `Give up to page ${asks}` : "Give up driving") : asked ? "asked …" : status?.driver ? `Ask page ${status.driver}` : "Drive from here");
+    drive.disabled = !link.open || (!link.driving && Boolean(asks));
+    keep.hidden = !(link.driving && asks);
     setAttribute(drive, "data-on", link.driving);
     showArm(arm, status);
     showArms();

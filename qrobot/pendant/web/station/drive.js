@@ -5,6 +5,7 @@ import { holdButton } from "./hold.js";
 import { JogCard } from "./jog_card.js";
 import { digits, lastFrame, place, shown, tip, unit } from "./kinematics.js";
 import { link } from "./link.js";
+import { back, loadCard } from "./load.js";
 import { View } from "./view3d.js";
 
 const AXES = [["dx", "X", "mm"], ["dy", "Y", "mm"], ["dz", "Z", "mm"], ["rx", "about x", "°"], ["ry", "about y", "°"], ["rz", "about z", "°"]];
@@ -34,6 +35,7 @@ export function makeDrive(root) {
     el("div", { class: "card" }, el("h2", {}, "Joints"), joints),
     el("div", { class: "card" }, el("h2", {}, "Last link, in the base"), tool),
     guideCard(),
+    loadCard(),
     el("p", { class: "hint" }, "Keys as in qrobot jog: 1 2 … choose a joint, x y z u v w an axis, b t n axes of base, last link, next place; hold . or , to move. Esc or Space stops."),
   );
 
@@ -169,7 +171,7 @@ function powerCard() {
   const on = el("button", { id: "power-on", onclick: () => link.act("power on") }, "⚡ Power on");
   const off = el("button", { id: "power-off", onclick: () => link.act("power off") }, "Power off");
   const clear = el("button", { id: "clear", onclick: () => link.act("clear") }, "Clear fault");
-  const take = el("button", { id: "take", onclick: () => link.say({ do: "command", arm: link.chosen, on: link.armStatus.session === "no" }) });
+  const take = el("button", { id: "take", onclick: () => link.say({ do: "command", arm: link.chosen, on: link.armStatus.session === "no", back_mm: back.mm }) });
   const open = el("button", { "aria-label": "open hand", onclick: () => link.say({ do: "hand", arm: link.chosen, opened: true }) }, "Open");
   const close = el("button", { "aria-label": "close hand", onclick: () => link.say({ do: "hand", arm: link.chosen, opened: false }) }, "Close");
   const hand = el("span", { class: "chip" });

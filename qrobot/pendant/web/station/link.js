@@ -128,7 +128,12 @@ class Link extends EventTarget {
     this.tell("stop");
   }
 
-  // Take the lease of the arm, or give it up.
+  // Keep the lease although another page asks for it.
+  keep() {
+    this.say({ do: "take", arm: this.chosen });
+  }
+
+  // Take the lease of the arm, ask the page that has it, or give it up.
   drive() {
     this.say({ do: this.driving ? "give" : "take", arm: this.chosen });
   }
