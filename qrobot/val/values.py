@@ -32,7 +32,7 @@ class Transformation:
 
     def __post_init__(self) -> None:
         """Raise ProgramError: the place is farther away than any that arms are used in."""
-        within_reason(self.T[:3, 3] * MM_PER_M)
+        within_reason((self.T[:3, 3] * MM_PER_M).tolist())
 
 
 @dataclass(frozen=True, eq=False)

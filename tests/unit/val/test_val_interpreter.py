@@ -442,7 +442,8 @@ def test_a_reaction_with_a_higher_priority_alone_interrupts() -> None:
 
 
 def test_a_number_without_a_format_has_a_blank_before_it() -> None:
-    with interpreter(main_program('TYPE "label", TRUE, FALSE', "TYPE INT(-3.7), FRACT(3.25), /I3, 7, 8")) as (run, typed):
+    lines = 'TYPE "label", TRUE, FALSE', "TYPE INT(-3.7), FRACT(3.25), /I3, 7, 8"
+    with interpreter(main_program(*lines)) as (run, typed):
         assert run.execute("main") is RunState.COMPLETED
         assert typed == ["label -1 0", " -3 0.25  7  8"]
 
