@@ -27,13 +27,13 @@ def overloads() -> dict[str, int]:
 
 def main() -> None:
     """Run a program off-line and print what the warm-up has left out."""
-    warm_up = connect._warm_up
+    warm_up = connect.compile_all
 
     def watched(*arguments: object) -> None:
         warm_up(*arguments)  # type: ignore[arg-type]
         seen.update(overloads())
 
-    connect._warm_up = watched  # type: ignore[assignment]
+    connect.compile_all = watched
     status = run_app(make_app("run"), ["run", "--offline", *sys.argv[1:]])
     late = [name for name, number in overloads().items() if number > seen.get(name, 0)]
     print("\n".join(["late:", *sorted(late)]))

@@ -139,10 +139,11 @@ def test_a_log_carries_its_fences_and_its_film_shows_them(log: Log, tmp_path: Pa
         (Film(), "run.avi", "ends in .gif or .mp4"),
         (Film(begin_s=5.0), "run.gif", "nothing from 5 s"),
         (Film(speed=1e-3), "run.gif", "show it faster"),
-        (Film(frames_hz=1, width=240), "missing/run.gif", "cannot write"),
+        (Film(frames_hz=1, width=240), "file/run.gif", "cannot write"),
     ],
 )
 def test_what_cannot_be_shown_is_told(log: Log, tmp_path: Path, film: Film, name: str, told: str) -> None:
+    (tmp_path / "file").touch()  # where a folder would have to be
     with pytest.raises(LogError, match=told):
         write_animation(log, tmp_path / name, film)
 
