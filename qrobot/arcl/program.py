@@ -52,10 +52,9 @@ def arcl_open(*attributes: Any) -> ArclRobot:
     if switches.unlimited and layer != "offline":
         raise MotionError("+nolim: joints without ranges are for the off-line machine alone")
     aki = kinematics(arm, switches.aki or one.get(Attribute.ARCL_AKI, ""), switches.unlimited)
-    start = one.get(Attribute.ARCL_START)
     settings = MachineSettings(
         arm, aki.zero, _period(one.get(Attribute.ARCL_PERIOD)), _stream(one, arm), Path(sys.argv[0] or "python").name,
-        Attribute.ARCL_CLEAR in given, None if start is None else _start(start, arm, aki),
+        Attribute.ARCL_CLEAR in given, _start(one.get(Attribute.ARCL_START), arm, aki),
     )  # fmt: skip
     if layer not in EMULATED:  # no sample may wait for the compiler
         warm_up(arm.n, Blend.ZERO_JERK)
@@ -101,7 +100,12 @@ def _stream(one: dict[Attribute, Any], arm: Robot) -> Path | None:
     return folder / f"{arm.name}{f'-{number + 1}' if number else ''}.arcl"
 
 
-def _start(degs: Sequence[float], arm: Robot, aki: ManipulatorKinematics) -> Floats:
+def _start(degs: Sequence[float] | None, arm: Robot, aki: ManipulatorKinematics) -> Floats | None:
+    """Setpoints at which an arm stands that is not there: as the program says, or whoever has started it; or None."""
+    if degs is None:
+        choice = machine_choice()
+        chosen = choice.start if choice.robot is arm else None
+        return None if chosen is None else chosen - aki.zero
     q, limits = joints_of("ARCL_START", degs, units_of(arm)), aki.limits
     outside = np.flatnonzero(~((q >= limits.q_min) & (q <= limits.q_max)))
     if outside.size and not switches.unlimited:

@@ -16,9 +16,10 @@ from cyclopts import Parameter
 
 from qrobot.cli.arms import DEFAULT_DEPLOYMENT, choose_arms, inside_fences, robot_of_arm
 from qrobot.cli.console import FAILURE, complain, err, note
-from qrobot.cli.option_types import OutputFilm, OutputFolder, OutputLog, RateHz, checked_folder
+from qrobot.cli.option_types import OutputFilm, OutputFolder, OutputLog, RateHz, StartPlace, checked_folder
 from qrobot.cli.program_errors import own_place, own_traceback
 from qrobot.config.scene import SceneKind
+from qrobot.config.start_place import start_place
 from qrobot.errors import ConfigError, QRobotError
 from qrobot.units import US_PER_MS
 
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
     from qrobot.cli.arm_links import ArmLinks
     from qrobot.config.deployment import DeployedArm
     from qrobot.rci import LinkFactory
+    from qrobot.wire import Hello
 
 
 def run(
@@ -37,6 +39,7 @@ def run(
     arm: str | None = None,
     lockstep: bool = False,
     offline: bool = False,
+    start: StartPlace | None = None,
     output: OutputFolder | None = None,
     plant: Literal["nominal", "mismatched"] | None = None,
     scene: SceneKind | None = None,
@@ -79,6 +82,9 @@ def run(
         On virtual time, without processes.
     offline
         On virtual time, without a servo.
+    start
+        With --lockstep or --offline: where the arm stands at first, a pose of its robot file (ready, park) or all
+        joints in degrees and mm, as 0,-90,90,0,0,0; default the `start_pose` of the deployment file. Of one arm.
     output
         Folder for what is written down; default with --offline out/offline/ and the program's name, else nothing is.
     plant
@@ -102,15 +108,18 @@ def run(
     traceback
         Show all frames of an exception of the program's, not those in files of yours alone.
     """
+    if start is not None and not (lockstep or offline):
+        raise ConfigError("--start: only with --lockstep or --offline; a running arm stands where it is")
     emulated = {"plant": plant, "scene": scene, "law": law, "model": model, "rate": rate, "log": log}
     given = [f"--{name}" for name, value in emulated.items() if value is not None]
     _check(program, given, lockstep, offline)
     from qrobot.cli.arm_links import links_of
 
     arms = choose_arms(deployment, arm)
-    if record is not None and len(arms) > 1:
-        raise ConfigError(f"--record {record}: a film shows one arm; choose it with --arm")
-    start = partial(_start, program, arguments, arms[0].robot)
+    for option in [name for name, given in (("--record", record), ("--start", start)) if given is not None]:
+        if len(arms) > 1:
+            raise ConfigError(f"{option} is about one arm; choose it with --arm")
+    begin = partial(_start, program, arguments, arms[0].robot)
     folder = output
     if offline and folder is None:
         folder = checked_folder(Path("out") / "offline" / program.stem)
@@ -118,25 +127,28 @@ def run(
     def perform() -> int:
         if offline:
             with _filmed(arms, program, record) as heard:
-                return run_virtual(links_of(arms, lambda arm: heard(offline_links(arm))), start, folder, ideal=True)
+                links = links_of(arms, lambda arm: heard(offline_links(arm, start)))
+                return run_virtual(links, begin, folder, ideal=True)
         if not lockstep:
             _tell_scene(program)
             with _filmed(arms, program, record) as heard:
-                return run_live(arms, start, folder, heard)
+                return run_live(arms, begin, folder, heard)
         from qrobot.cli.run_lockstep import LockstepRun
 
-        return LockstepRun(arms, program, plant, scene, law, model, rate).perform(
-            partial(run_virtual, start=start, output=folder), deployment, log, record
+        return LockstepRun(arms, program, plant, scene, law, model, rate, start).perform(
+            partial(run_virtual, start=begin, output=folder), deployment, log, record
         )
 
     def perform_as_chosen() -> int:
-        with machine_of(arms, "offline" if offline else "bridge", folder), _fences(arms):
+        with machine_of(arms, "offline" if offline else "bridge", folder, start), _fences(arms):
             return perform()
 
     return _told(perform_as_chosen, traceback)
 
 
-def machine_of(arms: Sequence[DeployedArm], ami: str, folder: Path | None) -> AbstractContextManager[None]:
+def machine_of(
+    arms: Sequence[DeployedArm], ami: str, folder: Path | None, start: str | None = None
+) -> AbstractContextManager[None]:
     """Block in which programs of ARCL have that machine; only a single arm stands for the robot of its name."""
     from qrobot.cli.teach_pendant import terminal_pendant
     from qrobot.rci.machine_choice import MachineChoice, use_machine
@@ -145,7 +157,7 @@ def machine_of(arms: Sequence[DeployedArm], ami: str, folder: Path | None) -> Ab
         return use_machine(MachineChoice(ami, folder, pendant=terminal_pendant))
     (arm,) = arms
     choice = MachineChoice(
-        ami, folder, robot_of_arm(arm), arm.named_signals, terminal_pendant, analog_ranges=arm.analog_ranges
+        ami, folder, robot_of_arm(arm), arm.named_signals, terminal_pendant, arm.analog_ranges, start_place(start, arm)
     )
     return use_machine(choice)
 
@@ -309,9 +321,17 @@ def bridge_links(arm: DeployedArm) -> LinkFactory:
     return lambda hello: TcpLink(hello, bridge_address())
 
 
-def offline_links(arm: DeployedArm) -> LinkFactory:
-    """Links to an ideal arm as in the deployment file; a program that names another packaged one gets that."""
+def offline_links(arm: DeployedArm, start: str | None = None) -> LinkFactory:
+    """Links to an ideal arm as in the deployment file; a program that names another packaged one gets that, parked.
+
+    Raises ConfigError: there is no such place to `start` at (`start_place`).
+    """
     from qrobot.rccl.offline import OfflineLink
 
-    robot, period_us = robot_of_arm(arm), round(arm.bridge.period_ms * US_PER_MS)
-    return lambda hello: OfflineLink(hello, robot if hello.robot == robot.name else None, period_us=period_us)
+    robot, place, period_us = robot_of_arm(arm), start_place(start, arm), round(arm.bridge.period_ms * US_PER_MS)
+
+    def link(hello: Hello) -> OfflineLink:
+        known = hello.robot == robot.name
+        return OfflineLink(hello, robot if known else None, place if known else None, period_us)
+
+    return link

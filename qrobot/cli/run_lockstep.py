@@ -17,6 +17,7 @@ from qrobot.cli.run_film import film_log
 from qrobot.config import deployment_path, robot_path
 from qrobot.config.deployment import DeployedArm
 from qrobot.config.scene import SceneKind
+from qrobot.config.start_place import start_place
 from qrobot.errors import ConfigError, LinkBusy
 from qrobot.fences.told_fences import told_fences
 from qrobot.log.fences_of_log import fence_attachments
@@ -43,6 +44,7 @@ class LockstepRun:
     law: str | None = None
     model: str | None = None
     rate_hz: float | None = None
+    start: str | None = None
 
     def perform(
         self, run: Callable[[ArmLinks], int], deployment: str, log: Path | None, record: Path | None = None
@@ -99,7 +101,8 @@ class LockstepArm:
         law = None if run.law is None else check_law(run.law, self._robot)
         scene = run.scene or settings_of(run.program).scene
         believed, _ = controlled_robot(arm, run.model)
-        emulator = emulator_of_arm(arm, self._robot, plant=run.plant, scene=scene)
+        start = None if run.start is None else start_place(run.start, arm)
+        emulator = emulator_of_arm(arm, self._robot, plant=run.plant, scene=scene, start=start)
         self.rig = LockstepRig(believed, servo_settings(arm, run.rate_hz, law), emulator, keep_telemetry=keep)
 
     def link(self, hello: Hello) -> Link:

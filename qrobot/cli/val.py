@@ -12,7 +12,7 @@ from cyclopts import App, Parameter
 
 from qrobot.cli.arms import DEFAULT_DEPLOYMENT, choose_arm, fences_of_arm, inside_fences, robot_of_arm
 from qrobot.cli.console import FAILURE, SUCCESS, complain, note, out, write_json
-from qrobot.cli.option_types import OutputFolder, OutputLog, Range
+from qrobot.cli.option_types import OutputFolder, OutputLog, Range, StartPlace
 from qrobot.cli.run import bridge_links, offline_links, run_through, run_virtual
 from qrobot.errors import ConfigError, ProgramError
 from qrobot.printable import printable
@@ -83,6 +83,7 @@ def monitor(
     library: Library = "rccl",
     lockstep: bool = False,
     offline: bool = False,
+    start: StartPlace | None = None,
 ) -> int:
     """Command an arm by VAL II's monitor, in the terminal or from a pipe; ? lists the commands.
 
@@ -105,17 +106,22 @@ def monitor(
         On virtual time, without processes.
     offline
         On virtual time, without a servo.
+    start
+        With --lockstep or --offline: where the arm stands at first, a pose of its robot file (ready, park) or all
+        joints in degrees and mm, as 0,-90,90,0,0,0; default the `start_pose` of the deployment file.
     """
-    _check_kind(lockstep, offline)
+    _check_kind(lockstep, offline, start)
     chosen = choose_arm(deployment, arm)
-    control = partial(_control, library, chosen, offline, None)
-    start = partial(_start, load, control, _serve)
-    return _perform(chosen, start, load or Path(__file__), deployment, lockstep, offline, None, None)
+    control = partial(_control, library, chosen, offline, None, start)
+    begin = partial(_start, load, control, _serve)
+    return _perform(chosen, begin, load or Path(__file__), deployment, lockstep, offline, None, None, start)
 
 
-def _check_kind(lockstep: bool, offline: bool) -> None:
+def _check_kind(lockstep: bool, offline: bool, start: str | None) -> None:
     if lockstep and offline:
         raise ConfigError("--offline knows no servo and no board: leave out --lockstep")
+    if start is not None and not (lockstep or offline):
+        raise ConfigError("--start: only with --lockstep or --offline; a running arm stands where it is")
 
 
 @app.command
@@ -130,6 +136,7 @@ def run(
     library: Library = "rccl",
     lockstep: bool = False,
     offline: bool = False,
+    start: StartPlace | None = None,
     output: OutputFolder | None = None,
     log: OutputLog | None = None,
 ) -> int:
@@ -160,38 +167,41 @@ def run(
         On virtual time, without processes.
     offline
         On virtual time, without a servo.
+    start
+        With --lockstep or --offline: where the arm stands at first, a pose of its robot file (ready, park) or all
+        joints in degrees and mm, as 0,-90,90,0,0,0; default the `start_pose` of the deployment file.
     output
         Folder for what is written down of the run: requests, setpoints, figures.
     log
         With --lockstep: log of every cycle to write.
     """
-    _check_kind(lockstep, offline)
+    _check_kind(lockstep, offline, start)
     if log is not None and not lockstep:
         raise ConfigError("--log: only with --lockstep; a running arm has its own")
     chosen = choose_arm(deployment, arm)
     if (status := _check(file, chosen, board=not offline)) != SUCCESS:
         return status
-    control = partial(_control, library, chosen, offline, output)
-    start = partial(_start, file, control, lambda it: _execute(it, execute.lower(), cycles, speed))
-    return _perform(chosen, start, file, deployment, lockstep, offline, output, log)
+    control = partial(_control, library, chosen, offline, output, start)
+    begin = partial(_start, file, control, lambda it: _execute(it, execute.lower(), cycles, speed))
+    return _perform(chosen, begin, file, deployment, lockstep, offline, output, log, start)
 
 
 def _perform(
-    chosen: DeployedArm, start: Callable[[], int], file: Path, deployment: str, lockstep: bool, offline: bool,
-    output: Path | None, log: Path | None,
+    chosen: DeployedArm, begin: Callable[[], int], file: Path, deployment: str, lockstep: bool, offline: bool,
+    output: Path | None, log: Path | None, start: str | None,
 ) -> int:  # fmt: skip
-    """Call `start` where the arm is, inside its fences."""
+    """Call `begin` where the arm is, inside its fences."""
     with inside_fences(chosen):
         if offline:
-            return run_virtual(offline_links(chosen), start, output, ideal=True)
+            return run_virtual(offline_links(chosen, start), begin, output, ideal=True)
         if not lockstep:
-            return run_through(bridge_links(chosen), start, output)
+            return run_through(bridge_links(chosen), begin, output)
         from qrobot.cli.run_lockstep import LockstepRun
 
         def perform(links: ArmLinks) -> int:
-            return run_virtual(links, start, output)
+            return run_virtual(links, begin, output)
 
-        return LockstepRun((chosen,), file).perform(perform, deployment, log)
+        return LockstepRun((chosen,), file, start=start).perform(perform, deployment, log)
 
 
 def _start(
@@ -210,7 +220,9 @@ def _start(
 
 
 @contextmanager
-def _control(library: Library, chosen: DeployedArm, offline: bool, output: Path | None) -> Iterator[ValArm]:
+def _control(
+    library: Library, chosen: DeployedArm, offline: bool, output: Path | None, start: str | None
+) -> Iterator[ValArm]:
     """Control of the arm by a library; a stream of ARCL goes to `output`."""
     if library == "rccl":
         from qrobot.rccl import control
@@ -223,7 +235,7 @@ def _control(library: Library, chosen: DeployedArm, offline: bool, output: Path 
     from qrobot.val.arcl_arm import arcl_arm
 
     with (
-        machine_of((chosen,), "offline" if offline else "bridge", output),
+        machine_of((chosen,), "offline" if offline else "bridge", output, start),
         arcl_arm(robot_of_arm(chosen), chosen.bridge.period_ms if offline else None) as arm,
     ):
         yield arm

@@ -12,6 +12,7 @@ import numpy as np
 
 from qrobot.config import Robot
 from qrobot.config.deployment import DeployedArm
+from qrobot.config.start_place import start_text
 from qrobot.errors import MotionError
 from qrobot.fences.told_fences import told_fences
 from qrobot.model.arm_shape import link_frames
@@ -177,7 +178,9 @@ class ArmStation:
         """
         if request.manner == "live" and (why := self._why_not_live(request.confirmed)):
             raise MotionError(f"the program is not started: {why}")
-        self.programs.start(request, [self.bridge, *(other.bridge for other in others)])
+        state = self._newest
+        place = start_text(np.array(state.robot.q), self.robot) if state is not None and not self.watch.problem else ""
+        self.programs.start(request, [self.bridge, *(other.bridge for other in others)], place)
         self.tell(f"{request.name} is started")
 
     def start_procedure(self, request: PageProcedureStart) -> None:

@@ -5,9 +5,10 @@ from __future__ import annotations
 import re
 import shutil
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from tempfile import mkdtemp
-from typing import Any, Final
+from typing import Any, Final, TypeAlias
 
 from qrobot.errors import MotionError
 from qrobot.pendant.command_run import CommandRun
@@ -18,6 +19,17 @@ from qrobot.rci.tcp import BRIDGE_VARIABLE, ONLY_VARIABLE
 NICE: Final = 10  # of what moves no arm: it must not take the processor from a servo that runs
 RESULTS: Final = {"requests": "requests.txt", "setpoints": "setpoints.csv"}
 CLOSE_S: Final = 11.0  # a program that is ended is killed by then
+
+Source: TypeAlias = tuple[str, str, int]  # name, program of a VAL file, time of the last change in ns
+
+
+@dataclass(frozen=True)
+class FoundPath:
+    """Setpoints of a run that moved no arm, in its folder."""
+
+    run: int
+    folder: Path
+    source: Source
 
 
 class ProgramRunner:
@@ -49,6 +61,7 @@ class ProgramRunner:
         self._request: PageProgramStart | None = None
         self._runs = 0
         self._results: Path | None = None
+        self._found: FoundPath | None = None
         self._complained: tuple[int, int | None] = 0, None  # run, and the line of its source that an error is about
 
     @property
@@ -75,10 +88,13 @@ class ProgramRunner:
             "stepping": request.step,
             "told": run.told,
             "line": self._error_line(run, request) if run.state == "failed" else None,
+            "path": 0 if self.path_ahead is None or self._found is None else self._found.run,
         }
 
-    def start(self, request: PageProgramStart, bridges: Sequence[str] = ()) -> None:
+    def start(self, request: PageProgramStart, bridges: Sequence[str] = (), place: str = "") -> None:
         """Start a program, which reaches no arms but those of `bridges`, its own first.
+
+        An arm that is not there begins at `place`, as `--start` has it; empty for the pose of the deployment file.
 
         Raises:
             MotionError: another one runs.
@@ -87,12 +103,15 @@ class ProgramRunner:
         if self._running is not None:
             raise MotionError("a program runs: end it first")
         path = self.folder.path_of(request.name)
-        self._discard()
+        source = request.name, request.execute, path.stat().st_mtime_ns
+        self._discard(but_path_of=source if request.manner == "live" else None)
         self._results = Path(mkdtemp(prefix="qrobot-pendant-"))
         self._request = request
         self._runs += 1
+        if request.manner != "live":
+            self._found = FoundPath(self._runs, self._results, source)
         self._run = CommandRun(
-            self._commands(request, path, self._results),
+            self._commands(request, path, self._results, place),
             self._changed,
             0 if request.manner == "live" else NICE,
             [f"SPEED {request.speed:g}", f"XSTEP {request.execute}"] if request.step else [],
@@ -136,6 +155,18 @@ class ProgramRunner:
         path = None if self._results is None or name not in RESULTS else self._results / RESULTS[name]
         return path if path is not None and path.is_file() else None
 
+    @property
+    def path_ahead(self) -> Path | None:
+        """Setpoints that the newest run goes through, or would, as a run that moved no arm has found; None: unknown.
+
+        A program that has moved the arm has nothing ahead.
+        """
+        run, found = self._run, self._found
+        if run is None or found is None or run.state != ("running" if found.run != self._runs else "done"):
+            return None
+        path = found.folder / RESULTS["setpoints"]
+        return path if path.is_file() else None
+
     def close(self) -> None:
         """End what runs, and wait for it."""
         if (run := self._running) is not None:
@@ -147,14 +178,19 @@ class ProgramRunner:
     def _running(self) -> CommandRun | None:
         return self._run if self._run is not None and self._run.state == "running" else None
 
-    def _discard(self) -> None:
-        if self._results is not None:
+    def _discard(self, but_path_of: Source | None = None) -> None:
+        """Delete results of the runs before, but the path that was found for a source."""
+        known = self.path_ahead is not None or (self._found is not None and self._found.run != self._runs)
+        if self._found is not None and not (known and self._found.source == but_path_of):
+            shutil.rmtree(self._found.folder, ignore_errors=True)
+            self._found = None
+        if self._results is not None and (self._found is None or self._found.folder != self._results):
             shutil.rmtree(self._results, ignore_errors=True)
-            self._results = None
+        self._results = None
 
-    def _commands(self, request: PageProgramStart, path: Path, results: Path) -> list[Sequence[str]]:
+    def _commands(self, request: PageProgramStart, path: Path, results: Path, start: str) -> list[Sequence[str]]:
         """Arguments of `qrobot`, command by command."""
-        manner = [] if request.manner == "live" else [f"--{request.manner}"]
+        manner = [] if request.manner == "live" else [f"--{request.manner}", *([f"--start={start}"] if start else [])]
         if language_of(path) != "VAL" and request.step:
             raise MotionError("only programs of VAL can be stepped")
         if request.step:

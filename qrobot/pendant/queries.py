@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Callable
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from qrobot.errors import QRobotError
@@ -36,6 +37,9 @@ def add_queries(app: FastAPI, floor: DriveFloor) -> None:
         except QRobotError as error:
             raise HTTPException(404, str(error)) from None
 
+    def binary(content: bytes) -> Response:
+        return Response(content, media_type="application/octet-stream")
+
     def programs(arm: int) -> dict[str, Any]:
         folder = of(arm).programs.folder
         return {"where": folder.where, "programs": folder.listing()}
@@ -53,7 +57,12 @@ def add_queries(app: FastAPI, floor: DriveFloor) -> None:
         return PlainTextResponse(path.read_text(errors="replace"))
 
     def setpoints(arm: int) -> Response:
-        return Response(told(lambda: _setpoints(of(arm))), media_type="application/octet-stream")
+        station = of(arm)
+        return binary(told(lambda: _setpoints(station.programs.result("setpoints"), station.robot.n)))
+
+    def path(arm: int) -> Response:
+        station = of(arm)
+        return binary(told(lambda: _setpoints(station.programs.path_ahead, station.robot.n)))
 
     def board(arm: int, kinds: bool = False) -> dict[str, Any]:
         return of(arm).board.look(kinds)
@@ -64,7 +73,7 @@ def add_queries(app: FastAPI, floor: DriveFloor) -> None:
     def procedure(arm: int, after: int) -> dict[str, Any]:
         return of(arm).procedures.output(after)
 
-    for answer in (source, output, requests, setpoints):
+    for answer in (source, output, requests, setpoints, path):
         app.add_api_route(f"/ask/programs/{answer.__name__}", answer, methods=["GET"], response_model=None)
     app.add_api_route("/ask/programs", programs, methods=["GET"], response_model=None)
     app.add_api_route("/ask/procedure", procedure, methods=["GET"], response_model=None)
@@ -78,13 +87,12 @@ def load_of(arm: str) -> float:
         return servo.status().payload_mass
 
 
-def _setpoints(arm: ArmStation) -> bytes:
-    """Setpoints of the newest run, empty when it has none."""
+def _setpoints(path: Path | None, n: int) -> bytes:
+    """Setpoints of a file for `n` joints, empty without one."""
     from qrobot.rccl.setpoints import read_setpoints
 
-    path = arm.programs.result("setpoints")
     if path is None or path.stat().st_size > MOST_BYTES:
-        return SETPOINT_HEAD.pack(0, arm.robot.n, 0.0)
+        return SETPOINT_HEAD.pack(0, n, 0.0)
     found = read_setpoints(path)
     q = found.q[:MOST_SETPOINTS]
     return SETPOINT_HEAD.pack(*q.shape, found.period_us * 1e-6) + q.astype("<f4").tobytes()

@@ -43,6 +43,7 @@ class MachineChoice:
         signals: of that robot, by their names.
         analog_ranges: least and most volts of its analogue outputs, by their numbers from 1.
         pendant: with which a person may move an arm that a program lends; None for none.
+        start: where that robot stands when it is not there, rad or m, shape (n,); None for its park pose.
     """
 
     ami: str = ""
@@ -51,6 +52,7 @@ class MachineChoice:
     signals: tuple[NamedSignal, ...] = ()
     pendant: TeachPendant | None = None
     analog_ranges: Mapping[int, tuple[float, float]] = field(default_factory=dict)
+    start: Floats | None = None
 
 
 _choice: ContextVar[MachineChoice] = ContextVar("machine_choice", default=MachineChoice())  # noqa: B039 (immutable)

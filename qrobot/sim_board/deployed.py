@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Literal
 
+from qrobot.arrays import Floats
 from qrobot.config import DeployedArm, Robot
 from qrobot.config.deployment import BoardChoice
 from qrobot.config.scene import SceneKind
@@ -32,8 +33,9 @@ def emulator_of_arm(
     scene: SceneKind | None = None,
     faults: FaultPlan | None = None,
     payload_kg: float = 0.0,
+    start: Floats | None = None,
 ) -> Emulator:
-    """The emulator of `arm`, with what overrides the file.
+    """The emulator of `arm`, with what overrides the file; `start` are joint positions, shape (n,), rad or m.
 
     Raises:
         ConfigError: the arm's drives close the position loop, which the emulated board has none for; or what
@@ -47,7 +49,7 @@ def emulator_of_arm(
     return Emulator(
         robot,
         mismatch=PlantMismatch.mismatched(robot.n) if wrong else PlantMismatch.nominal(robot.n),
-        start=choice.start_pose,
+        start=choice.start_pose if start is None else start,
         calibrated=choice.calibrated if calibrated is None else calibrated,
         options=board_options(choice, robot),
         seed=choice.seed,

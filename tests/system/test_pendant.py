@@ -54,6 +54,16 @@ with rccl.control("puma560") as arm:
             arm.move(arm.jposition("swing", [waist + degrees, *others]))
             arm.waitfor(arm.completed)
 """
+ONCE = "once.py"
+SOURCE_OF_ONCE = """from qrobot import rccl
+
+with rccl.control("puma560") as arm:
+    arm.setjvel(0.3)
+    waist, *others = arm.joints
+    for degrees in (-30.0, 0.0):
+        arm.move(arm.jposition("swing", [waist + degrees, *others]))
+    arm.waitfor(arm.completed)
+"""
 TOOL_COLOUR = (192, 57, 43)  # of the marker at the tool's tip
 AROUND_PX = 14
 ELBOW, LEADING_N_M, LED_RAD, LED_S = 2, 12.0, 0.03, 1.5  # friction holds a PUMA against less
@@ -85,6 +95,7 @@ class Pendant:
         programs = folder / "programs"
         programs.mkdir()
         (programs / PROGRAM).write_text(SOURCE)
+        (programs / ONCE).write_text(SOURCE_OF_ONCE)
         self.process = qrobot(
             "pendant", "--deployment", self.deployment, "--port", "0", "--taught", folder / "t.db",
             "--programs", programs, stderr=subprocess.DEVNULL,
@@ -338,8 +349,19 @@ def a_program_is_paused_while_no_page_drives_led_back_to_its_path_and_ended_by_s
 ) -> None:
     """Begins with a page that drives, and has let go of the arm; so it ends."""
     page.click("tab-programs")
+    page.click_at(f'[data-name="{ONCE}"]')
+    page.click("start-offline")
+    wait_until(lambda: state_of_program(page) == "done", "it was run off line")
+    wait_until(lambda: points_ahead(page) > 0, "its path is drawn ahead of the arm")
+    ahead = points_ahead(page)
+    page.click("start-live")
+    page.click("start-sure")
+    wait_until(lambda: 0 < points_ahead(page) < ahead / 2, "the arm has come over half of it")
+    wait_until(lambda: state_of_program(page) == "done", "the program is done")
+    wait_until(lambda: points_ahead(page) == 0, "nothing is ahead")
+
     page.click_at(f'[data-name="{PROGRAM}"]')
-    wait_until(lambda: page.shows("#source", "rccl"), "its source")
+    wait_until(lambda: page.shows("#source", "while True"), "its source")
     page.click("start-live")
     assert state_of_program(page) != "running"  # it waits for a confirmation
     page.click("start-sure")
@@ -361,6 +383,11 @@ def a_program_is_paused_while_no_page_drives_led_back_to_its_path_and_ended_by_s
     arm.wait_for(Mode.HOLDING)
     wait_until(lambda: state_of_program(page) == "ended", "the program has ended")
     page.click("tab-drive")
+
+
+def points_ahead(page: Page) -> float:
+    """Points of the path that is drawn ahead of the first arm."""
+    return float(page.run("return pendant.view.figures[0].ahead.points"))  # type: ignore[arg-type]
 
 
 def let_it_go_on(page: Page, arm: RunningArm) -> None:

@@ -19,6 +19,7 @@ from qrobot.log.arm_drawing import SolidArm
 from qrobot.log.read import read_log
 from qrobot.rccl.connect import open_channel
 from qrobot.rccl.offline import OfflineLink
+from qrobot.rccl.setpoints import read_setpoints
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 SHORT = """
@@ -226,3 +227,63 @@ def test_an_arm_without_a_closed_form_traces_the_box_as_a_puma_does(
     told = re.search(r"at most ([0-9.]+) mm off", capsys.readouterr().err)
     assert told is not None
     assert float(told[1]) < 2.0
+
+
+@pytest.mark.parametrize("manner", ["--offline", "--lockstep"])
+@pytest.mark.parametrize("place", ["ready", "-10,-80,95.5,0,20,1"])
+def test_an_arm_that_is_not_there_begins_where_it_is_told_to(here: Path, manner: str, place: str) -> None:
+    q_deg = [0, -90, 90, 0, 0, 0] if place == "ready" else [float(each) for each in place.split(",")]
+    (here / "turn.py").write_text(TURN)
+    assert run(manner, "--start", place, "--output", "out", "turn.py") == 0
+    q = np.degrees(read_setpoints(here / "out" / "setpoints.csv").q)
+    np.testing.assert_allclose(q[0], q_deg, atol=0.1)
+    np.testing.assert_allclose(q[-1] - q[0], (30, 0, 0, 0, 0, 0), atol=1e-6)
+
+
+ARCL_PLACE = """
+from qrobot.arcl import ARCL_ROBOT, arcl_close, arcl_open
+rp = arcl_open(ARCL_ROBOT, "puma560", 0)
+print("joints", *rp.joints)
+arcl_close(rp)
+"""
+VAL_PLACE = """.PROGRAM main
+  HERE #now
+  DECOMPOSE x[] = #now
+  TYPE "joints", x[0], x[1], x[2], x[3], x[4], x[5]
+.END
+"""
+
+
+PLACE_DEG = [-10.0, -80.0, 95.0, 0.0, 20.0, 1.0]
+IN_PAULS_CONVENTION = [-10.0, 100.0, -85.0, 0.0, 20.0, -179.0]  # joints 2, 3 and 6 are counted from elsewhere
+
+
+def joints_told(printed: str) -> list[float]:
+    line = next(line for line in printed.splitlines() if line.startswith("joints"))
+    return [float(each) for each in line.split()[1:]]
+
+
+def test_programs_of_arcl_and_val_begin_off_line_where_they_are_told_to(
+    here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ["--offline", f"--start={','.join(map(str, PLACE_DEG))}"]
+    (here / "place.py").write_text(ARCL_PLACE)
+    assert run(*words, "place.py") == 0
+    assert joints_told(capsys.readouterr().out) == pytest.approx(IN_PAULS_CONVENTION)
+    (here / "place.v2").write_text(VAL_PLACE)
+    for library in ("rccl", "arcl"):
+        assert run_app(make_app("val"), ["val", "run", *words, "--library", library, "place.v2"]) == 0
+        assert joints_told(capsys.readouterr().out) == pytest.approx(PLACE_DEG)
+
+
+def test_a_place_is_refused_before_anything_begins(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (here / "turn.py").write_text(TURN)
+    two = ["--deployment", "two_arms"]
+    for words, told in (
+        (["--start", "ready"], "a running arm stands where it is"),
+        (["--offline", "--start", "nowhere"], "name a pose of puma560"),
+        (["--lockstep", "--start", "1,2"], "each of 6 joints"),
+        (["--lockstep", "--start", "ready", *two], "choose it with --arm"),
+    ):
+        assert run(*words, "turn.py") == 1
+        assert told in " ".join(capsys.readouterr().err.split())

@@ -64,6 +64,7 @@ WORDS: Final[dict[str, tuple[str, ...]]] = {
     "--plant": ("noplant", ""),
     "--execute": ("nobody", "", "/"),
     "--tip": ("nobody", ""),
+    "--start": ("nowhere", "", "0,0,0", "0,0,0,0,0,nan", "999,0,0,0,0,0", "park"),  # the last one: no kind of run
     "--like": ("norobot", "/", "/dev/null", ""),
     "--frame": ("nobody", "", ":", "missing.db:TABLE", "/:TABLE"),
     "--stick": ("nowhere", "/", "/dev/null", ""),

@@ -13,7 +13,7 @@ from qrobot.errors import ConfigError, MotionError
 from qrobot.pendant import program_runner
 from qrobot.pendant.output_tail import OutputTail
 from qrobot.pendant.program_folder import ProgramFolder
-from qrobot.pendant.program_messages import PageProgramStart
+from qrobot.pendant.program_messages import PageProgramStart, RunManner
 from qrobot.pendant.program_runner import NICE, ProgramRunner
 
 VAL = ".PROGRAM main\n  READY\n.END\n.program Other.one()\n.END\n"
@@ -144,6 +144,63 @@ def test_each_language_is_run_by_its_command_and_what_moves_no_arm_gives_way(
     run.state = "failed"
     with pytest.raises(MotionError, match="only programs of VAL"):
         started(runner, "a.py", step=True)
+    runner.close()
+
+
+def test_the_path_ahead_is_what_the_newest_run_of_the_same_source_found_that_moved_no_arm(
+    runner: ProgramRunner, folder: Path
+) -> None:
+    def path() -> tuple[int, str | None]:
+        known = runner.path_ahead
+        return runner.facts["path"], None if known is None else known.read_text()
+
+    def finish(run: Any, state: str = "done", found: str = "") -> None:
+        if found:
+            Path(run.commands[-1][run.commands[-1].index("--output") + 1], "setpoints.csv").write_text(found)
+        run.state = state
+
+    run = started(runner, "a.py")
+    finish(run, "running", "half of it")
+    assert path() == (0, None)  # not whole yet
+    finish(run, "done", "off line")
+    assert path() == (1, "off line")
+    run = started(runner, "a.py", "live")
+    assert path() == (1, "off line")
+    finish(run, "ended", "as it went")
+    assert path() == (0, None)  # nothing is ahead
+    run = started(runner, "a.py", "live")
+    assert path() == (1, "off line")  # once more
+    finish(run)
+    (folder / "a.py").write_text("# changed")
+    os.utime(folder / "a.py", ns=(1, 1))
+    run = started(runner, "a.py", "live")
+    assert path() == (0, None)
+    finish(run)
+    finish(started(runner, "v.v2", "lockstep", execute="main"), "done", "main")
+    assert path() == (5, "main")
+    run = started(runner, "v.v2", "live", execute="other.one")
+    assert path() == (0, None)
+    finish(run)
+    run = started(runner, "v.v2", "live", execute="main")
+    assert path() == (0, None)  # it was dropped by the run of another program
+    finish(run)
+    finish(started(runner, "a.py"), "failed", "up to the mistake")
+    assert path() == (0, None)
+    finish(started(runner, "a.py", "live"))
+    assert path() == (0, None)
+    runner.close()
+
+
+def test_what_moves_no_arm_begins_where_the_arm_stands(runner: ProgramRunner) -> None:
+    def begun(manner: RunManner) -> Sequence[str]:
+        runner.start(PageProgramStart(do="program start", arm=0, name="a.py", manner=manner), place="1,-2,3")
+        run: Any = runner._run
+        run.state = "done"
+        return run.commands[0]
+
+    assert "--start=1,-2,3" in begun("offline")
+    assert "--start=1,-2,3" in begun("lockstep")
+    assert not any(each.startswith("--start") for each in begun("live"))
     runner.close()
 
 

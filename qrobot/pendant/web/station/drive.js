@@ -6,6 +6,7 @@ import { JogCard } from "./jog_card.js";
 import { digits, lastFrame, place, shown, tip, unit } from "./kinematics.js";
 import { link } from "./link.js";
 import { back, loadCard } from "./load.js";
+import { showPathsAhead } from "./path_ahead.js";
 import { View } from "./view3d.js";
 
 const AXES = [["dx", "X", "mm"], ["dy", "Y", "mm"], ["dz", "Z", "mm"], ["rx", "about x", "°"], ["ry", "about y", "°"], ["rz", "about z", "°"]];
@@ -21,8 +22,9 @@ export function makeDrive(root) {
   const side = el("section", { class: "side" });
   root.append(scene, side);
   const view = new View(scene);
-  scene.append(el("p", { class: "legend" }, "solid: measured · orange mesh: setpoint · green line: way of the tool · glass: keep out · cage: stay in"));
+  scene.append(el("p", { class: "legend" }, "solid: measured · orange mesh: setpoint · green line: way of the tool · dashed: path ahead, found off line · glass: keep out · cage: stay in"));
   link.view = view;
+  showPathsAhead(view);
   view.onChoose = (k) => link.choose(k);
 
   const jog = new JogCard((T) => link.arms.forEach((_, k) => view.showAxes(k, k === link.chosen ? T : null)));

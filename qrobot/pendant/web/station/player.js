@@ -2,9 +2,9 @@
 import { el, setText } from "./dom.js";
 import { tip } from "./kinematics.js";
 import { link } from "./link.js";
+import { readSetpoints } from "./setpoints.js";
 import { View } from "./view3d.js";
 
-const HEAD_BYTES = 16; // samples, joints, period; see queries.py
 const WAY = 1000; // points of the line that the tool goes
 const OPACITY = 0.35;
 
@@ -42,11 +42,7 @@ export class Player {
   }
 
   load(buffer) {
-    const head = new DataView(buffer);
-    this.samples = buffer.byteLength < HEAD_BYTES ? 0 : head.getUint32(0, true);
-    this.joints = this.samples ? head.getUint32(4, true) : 0;
-    this.period = this.samples ? head.getFloat64(8, true) : 0;
-    this.q = this.samples ? new Float32Array(buffer, HEAD_BYTES) : null;
+    Object.assign(this, readSetpoints(buffer));
     this.at.max = String(Math.max(this.samples - 1, 0));
     this.at.disabled = this.button.disabled = !this.samples;
     this.show();
@@ -58,10 +54,6 @@ export class Player {
   clear() {
     this.play(false);
     this.load(new ArrayBuffer(0));
-  }
-
-  sample(k) {
-    return this.q.subarray(k * this.joints, (k + 1) * this.joints);
   }
 
   drawWay() {

@@ -1,8 +1,9 @@
-// The arms in three dimensions: as measured, their setpoints as ghosts, and the way their tools have come.
+// The arms in three dimensions: as measured, their setpoints as ghosts, the way their tools have come, and the path ahead.
 import { THREE, OrbitControls } from "nicegui-scene";
 import { el, setText } from "./dom.js";
 import { FenceFigures } from "./fences.js";
 import { linkFrame, tip } from "./kinematics.js";
+import { PathAhead } from "./path_ahead.js";
 
 const TRAIL = 1100; // samples, half a minute
 const LINK = 0xd9d4c7, JOINT = 0x3a5f94, GHOST = 0xe08a1e, TRACE = 0x2a9d8f, TOOL = 0xc0392b, CHOSEN = 0xf0a500, OLD = 0x9aa6b2;
@@ -25,7 +26,8 @@ class ArmFigure {
     this.trail = new THREE.Line(new THREE.BufferGeometry(), new THREE.LineBasicMaterial({ color: TRACE }));
     this.trail.geometry.setAttribute("position", new THREE.BufferAttribute(this.points, 3));
     this.trail.frustumCulled = false;
-    this.root.add(this.trail);
+    this.ahead = new PathAhead(facts);
+    this.root.add(this.trail, this.ahead.line);
     this.label = label(facts.name);
     this.label.position.set(0, 0, 0.06 - facts.base_height);
     this.ring = ring();

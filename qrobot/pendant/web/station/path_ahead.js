@@ -1,0 +1,87 @@
+// The path that a program's tool goes, as a run that moved no arm has found it: the part ahead of the arm, dashed.
+import { THREE } from "nicegui-scene";
+import { ask } from "./ask.js";
+import { tip } from "./kinematics.js";
+import { link } from "./link.js";
+import { readSetpoints } from "./setpoints.js";
+
+const COLOUR = 0xb35c00, DASH = 0.03, GAP = 0.02; // m
+const STEP = 2e-3; // rad or m: setpoints closer together than this are one point of the line
+const LOOK_AHEAD = 150; // points among which the arm is looked for, from where it was
+const NEAR = 0.1; // rad or m of a joint: farther off, the arm is not on its path
+
+export class PathAhead {
+  constructor(facts) {
+    this.facts = facts;
+    this.line = new THREE.Line(new THREE.BufferGeometry(), new THREE.LineDashedMaterial({ color: COLOUR, dashSize: DASH, gapSize: GAP }));
+    this.line.frustumCulled = false;
+    this.forget();
+  }
+
+  forget() {
+    this.q = [];
+    this.at = 0;
+    this.line.visible = false;
+  }
+
+  // How many points of it are ahead.
+  get points() {
+    return this.line.visible ? this.q.length - this.at : 0;
+  }
+
+  load({ samples, joints, sample }) {
+    this.forget();
+    if (joints !== this.facts.joints.length) return;
+    for (let k = 0; k < samples; k++) if (!this.q.length || distance(sample(k), this.q.at(-1)) > STEP || k === samples - 1) this.q.push(sample(k));
+    const points = this.q.map((q) => tip(this.facts, q));
+    this.line.geometry.dispose();
+    this.line.geometry = new THREE.BufferGeometry().setFromPoints(points);
+    this.line.computeLineDistances();
+    this.line.visible = this.q.length > 1;
+  }
+
+  // Look for the setpoint on the path, never back; what lies behind it is drawn no longer.
+  follow(setpoint) {
+    let nearest = NEAR, found = -1;
+    for (let k = this.at; k < Math.min(this.at + LOOK_AHEAD, this.q.length); k++) {
+      const off = distance(setpoint, this.q[k]);
+      if (off < nearest) [nearest, found] = [off, k];
+    }
+    if (found <= this.at) return false;
+    this.at = found;
+    this.line.geometry.setDrawRange(this.at, Infinity);
+    return true;
+  }
+}
+
+function distance(one, other) {
+  let most = 0;
+  for (let j = 0; j < one.length; j++) most = Math.max(most, Math.abs(one[j] - other[j]));
+  return most;
+}
+
+// Keep the paths of a view's arms: loaded when a run has found one, followed while its program moves the arm.
+export function showPathsAhead(view) {
+  const shown = []; // per arm: {path, run} as the status told them
+  const renew = () => {
+    (link.status?.arms ?? []).forEach(async ({ program }, k) => {
+      const figure = view.figures[k], path = program?.path ?? 0, run = program?.run ?? 0;
+      if (!figure || (shown[k]?.figure === figure && shown[k].path === path && shown[k].run === run)) return;
+      const mine = (shown[k] = { figure, path, run, moves: program.manner === "live" });
+      figure.ahead.forget();
+      view.due = true;
+      if (!path) return;
+      const found = await ask("programs/path", { arm: k }).then((got) => got.arrayBuffer(), () => null);
+      if (!found || shown[k] !== mine) return;
+      figure.ahead.load(readSetpoints(found));
+      view.due = true;
+    });
+  };
+  link.addEventListener("status", renew); // follows each hello
+  link.addEventListener("sample", () => {
+    shown.forEach(({ figure, moves }, k) => {
+      const state = link.arms[k]?.state;
+      if (moves && state && figure.ahead.follow(state.setpoint)) view.due = true;
+    });
+  });
+}
