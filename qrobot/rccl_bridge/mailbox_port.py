@@ -23,8 +23,8 @@ from qrobot.wire.packets import NO_SIGNALS
 from qrobot.wire.robot_state import rows_of
 
 _MASKS: Final = {"B": 0xFF, "H": 0xFFFF, "I": 0xFFFFFFFF}  # by code of the field, as `struct` has it
-STALLED_NS: Final = 20_000_000  # an emulated arm's whose last cycle is older waits for its board, or was stopped [A]
-STALE_NS: Final = 250_000_000  # a servo whose last cycle is older does not run
+STALLED_NS: Final = 20_000_000  # a servo whose last cycle is older waits for its emulated board, or was stopped [A]
+STALE_NS: Final = 250_000_000  # a servo whose last cycle is older does not run, whatever its guardian says
 
 
 def warm_up() -> None:
@@ -137,12 +137,15 @@ class ServoPort:
         self._power_locked = False  # a servo that has just started is not powered by a request made to the one before
 
     def alive(self) -> bool:
-        """The servo runs and its state is fresh."""
+        """The servo runs and its state is fresh. One that its guardian has taken the board from, for silence, has to
+        show that it runs again.
+        """
         try:
             memory = self._follow().memory
         except LinkError:
             return False
-        return bool(memory.info.ready) and abs(self._silence_ns(memory)) < STALE_NS
+        bound_ns = STALLED_NS if memory.guardian.takeover else STALE_NS
+        return bool(memory.info.ready) and abs(self._silence_ns(memory)) < bound_ns
 
     def slipped_ns(self) -> int:
         """Delay of the arm's time behind CLOCK_MONOTONIC, as the servo said last; 0 before one was there."""

@@ -53,6 +53,7 @@ class Client:
         self._connection = Connection(Side.CLIENT)
         self._welcome: Welcome | None = None
         self._state: State | None = None
+        self._sampled = False  # a STATE has come
 
     def greet(self) -> bytes:
         """The first bytes to send."""
@@ -83,6 +84,8 @@ class Client:
 
         Raises:
             LinkBusy, LinkTimeout, LinkError: the server refused, for the reason in the text.
+            LinkTimeout: the servo does not run any more, and samples are in step: what other arms carry together with
+                this one cannot wait until it may have come back.
             LinkLost: the server left.
             RemoteProtocolError: the far end does not speak the protocol.
         """
@@ -115,14 +118,19 @@ class Client:
             case Welcome():
                 self._welcome = event
             case State():
-                self._state = event
+                self._state, self._sampled = event, True
             case WireError(fatal=True):
                 raise _REFUSALS.get(event.code, LinkError)(f"{self.peer} refused: {event.text}")
             case WireError():
-                self.warning = event.text
-                if event.code in _REFUSED:
-                    self.refusal = event.text
+                self._warn(event)
             case Bye():
                 raise LinkLost(f"{self.peer} said goodbye: {event.text or 'no reason given'}")
             case _:  # the state table lets nothing else through from a server
                 raise RemoteProtocolError(f"unexpected {type(event).__name__}")
+
+    def _warn(self, complaint: WireError) -> None:
+        self.warning = complaint.text
+        if complaint.code in _REFUSED:
+            self.refusal = complaint.text
+        if complaint.code == ErrorCode.SERVO_GONE and self._hello.in_step and self._sampled:
+            raise LinkTimeout(f"{self.peer} says: {complaint.text}")

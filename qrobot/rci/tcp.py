@@ -23,6 +23,7 @@ ONLY_VARIABLE: Final = "QROBOT_ONLY_BRIDGES"
 LOCALHOST: Final = "127.0.0.1"
 CONNECT_TIMEOUT_S: Final = 3.0
 ANSWER_TIMEOUT_S: Final = 2.0  # far beyond the longest sample period of 100 ms
+STEP_TIMEOUT_S: Final = 0.5  # for arms in step, which may carry something together, once samples come [A]
 LINGER_S: Final = 0.5  # a bridge that does not close its end after our goodbye is left after this
 _CHUNK: Final = 1 << 16
 
@@ -87,7 +88,8 @@ class TcpLink:
         hello: how to greet; without authentication of its own it takes the token of that bridge, see `bridge_token`.
         address: host and port of the bridge.
         connector: opens the socket; tests bring their own.
-        answer_s: how long the bridge may be silent, None for the usual time.
+        answer_s: how long the bridge may be silent, None for the usual time; in step with others at most
+            `STEP_TIMEOUT_S` once a sample has come.
 
     Attributes:
         address: as given.
@@ -132,7 +134,10 @@ class TcpLink:
         """Send, and wait for the newest STATE; see `Link.exchange`."""
         if data := self._client.say(command):
             self._send(data)
-        return self._await(self._client.pop_state)
+        state = self._await(self._client.pop_state)
+        if self._hello.in_step and self.answer_s > STEP_TIMEOUT_S:
+            self._open_socket.settimeout(STEP_TIMEOUT_S)
+        return state
 
     def send(self, command: Command) -> None:
         """Send without waiting. Raises LinkLost, or what the server refused by."""

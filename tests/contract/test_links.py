@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager, suppress
 from contextvars import copy_context
+from dataclasses import replace
 
 import pytest
 
@@ -232,6 +233,19 @@ def test_a_socket_that_stays_silent_times_out(monkeypatch) -> None:
         link = TcpLink(hello_for("puma560"), NOWHERE, lambda _: near)
         with pytest.raises(LinkTimeout, match="fallen silent"):
             link.open()
+        link.close()
+
+
+def test_a_bridge_of_an_arm_in_step_may_be_silent_for_a_shorter_time_once_samples_come(robot, monkeypatch) -> None:
+    monkeypatch.setattr(tcp_module, "STEP_TIMEOUT_S", 0.1)
+    monkeypatch.setattr(tcp_module, "ANSWER_TIMEOUT_S", 10.0 * PATIENCE_S)
+    with SocketRobot(robot) as server:
+        link = TcpLink(replace(hello_for("puma560"), in_step=True), NOWHERE, lambda _: server.socket)
+        link.open()
+        link.exchange(None)
+        robot.tell = lambda: b""
+        with pytest.raises(LinkTimeout, match="fallen silent"):
+            exchange_often(link)
         link.close()
 
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from qrobot.arrays import Floats
 from qrobot.config import load_robot
+from qrobot.model.arm import Arm
 from qrobot.model.transform import inverse, so3_log
 from qrobot.multi_rccl import (
     EQ,
@@ -28,8 +29,10 @@ from qrobot.multi_rccl import (
 )
 from qrobot.rccl import gentr_rpy, gentr_trsl
 from qrobot.rccl.transforms import Transform
+from qrobot.servo.memory.telemetry import Rows
 
 ROBOT = load_robot("puma560")
+ARM = Arm(ROBOT)
 TOOL = gentr_trsl("TOOL", 0, 0, 150)
 WORLD: Final = {"left": gentr_trsl("LEFT", 0, 0, 0), "right": gentr_rpy("RIGHT", 1000, 0, 0, 180, 0, 0)}
 """The world in the base of either arm."""
@@ -44,6 +47,16 @@ def off(there: Floats, here: Floats) -> tuple[float, float]:
     """Distance, m, and angle, rad, between two poses."""
     between = inverse(there) @ here
     return float(np.linalg.norm(between[:3, 3])), float(np.linalg.norm(so3_log(between[:3, :3])))
+
+
+def hand(name: str, q: Floats) -> Floats:
+    """Its pose in the world with joints `q` (n,). Shape (4, 4)."""
+    return np.asarray(inverse(WORLD[name].value) @ ARM.forward(q) @ TOOL.value)
+
+
+def hand_of(name: str, rows: Rows, t_ns: int, what: str) -> Floats:
+    """Its pose in the world at an instant between two cycles: where it was, or should have been. Shape (4, 4)."""
+    return hand(name, np.array([np.interp(t_ns, rows["t_ns"], joint) for joint in rows[what].T]))
 
 
 def reach(grips: Mapping[str, Transform] = GRIP) -> tuple[Manip, list[RobotManip]]:

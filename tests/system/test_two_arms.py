@@ -12,28 +12,42 @@ import numpy as np
 import pytest
 
 from qrobot import rci
-from qrobot.arrays import Floats
 from qrobot.errors import ServoFault
+from qrobot.faultcodes import FaultCode
 from qrobot.hwif.board_memory import Lane, attach_board_memory
 from qrobot.log.read import read_log
 from qrobot.modecodes import Mode
-from qrobot.model.arm import Arm
 from qrobot.model.transform import inverse
 from qrobot.multi_rccl import wait_as, wait_for
 from qrobot.rccl.program import ending
+from qrobot.rccl_bridge.mailbox_port import STALLED_NS
 from qrobot.rci import LinkFactory, TcpLink
 from qrobot.servo.memory.telemetry import Rows
+from qrobot.units import NS_PER_MS
 from tests.support.c_programs import EXAMPLES, compiled_text, needs_compiler
-from tests.support.patience import PATIENCE_S, wait_until
-from tests.support.processes import RunningArm, qrobot, running_arms
+from tests.support.carried_object import (
+    PERIOD_S,
+    SPEED_M_S,
+    assert_it_rests_on_the_way_up,
+    carrying,
+    last_frame,
+    newest_frame,
+    rows_of,
+    rows_since,
+    slower_frame,
+    torn,
+)
+from tests.support.patience import PATIENCE_S, STALL_MS, wait_until
+from tests.support.processes import GUARDIAN_MS, RunningArm, qrobot, running_arms
 from tests.support.shared_arm import settle
-from tests.support.two_hands import GRIP, HERE, ROBOT, TOOL, WORLD, approach, off
+from tests.support.two_hands import GRIP, HERE, TOOL, WORLD, approach, hand_of, off
 
 pytestmark = pytest.mark.realtime
 
-ARM = Arm(ROBOT)
 GOAL = WORLD["right"].value @ HERE.value @ GRIP["right"].value @ inverse(TOOL.value)  # of the right arm, T6
 APART_M = 1e-3  # at 100 mm/s: 10 ms
+FRAME_STOPS_M = 5e-3  # way of an object's frame from 100 mm/s to rest, with the 5 m/s^2 of a frame and without a jerk
+TRACKING_M = 2e-3  # [A] of both arms together
 CREEP_COUNTS = 10  # of a wrist that only friction holds; the left arm goes some thousands meanwhile
 BACK_AND_FORTH = """
 import sys
@@ -138,12 +152,6 @@ def test_when_one_arm_of_a_program_loses_its_power_the_other_stops_on_its_path(a
     assert not rows["fault"].any()
 
 
-def hand_of(name: str, rows: Rows, t_ns: int, what: str) -> Floats:
-    """Its pose in the world at an instant between two cycles: where it was, or should have been. Shape (4, 4)."""
-    q = np.array([np.interp(t_ns, rows["t_ns"], joint) for joint in rows[what].T])
-    return np.asarray(inverse(WORLD[name].value) @ ARM.forward(q) @ TOOL.value)
-
-
 def assert_hands_keep_their_grip(rows: dict[str, Rows], begun_ns: int) -> None:
     """What they hold is not torn: they differ from their constant offset by their tracking errors, and little more.
 
@@ -184,6 +192,73 @@ def test_a_program_of_two_arms_that_is_run_as_the_guide_says_grasps_and_carries_
         rows[name] = arm.telemetry()
         assert not rows[name]["fault"][rows[name]["tick"] > tick].any()
     assert_hands_keep_their_grip(rows, int(grasped[1]) + 500_000_000)  # the servos are five setpoints behind
+
+
+def test_when_the_bridge_of_one_arm_is_killed_the_other_stops_within_two_frames_and_their_object_is_not_torn(
+    arms: list[RunningArm], tmp_path: Path
+) -> None:
+    """From when the bridge is gone: its connection is closed while the system clears away what it was."""
+    left, right = arms
+    with carrying(arms, tmp_path) as program:
+        before = {name: arm.snapshot().tick for name, arm in zip(WORLD, arms, strict=True)}
+        left.kill("bridge")
+        gone_ns = right.now_ns()
+        complaint = program.communicate(timeout=PATIENCE_S)[1]
+    assert program.returncode == 1
+    assert f":{left.arm.bridge.port} closed the connection" in complaint
+    rows = rows_since(arms, before)
+    slower = slower_frame("right", rows["right"])
+    assert slower <= newest_frame(rows["right"], gone_ns) + 2
+    for name, own in rows.items():
+        assert_it_rests_on_the_way_up(name, own)
+    assert not rows["right"]["fault"].any()
+    assert rows["left"]["fault"][-1] == FaultCode.STREAM_LOST
+    frames = slower - last_frame(rows["left"])  # by which the right arm went on for longer than the left one
+    assert frames > 0
+    assert torn(rows) < frames * PERIOD_S * SPEED_M_S + FRAME_STOPS_M + TRACKING_M
+
+
+def test_when_the_servo_of_one_arm_is_killed_the_other_stops_within_two_frames_after_its_guardian_has_acted(
+    arms: list[RunningArm], tmp_path: Path
+) -> None:
+    left, right = arms
+    with carrying(arms, tmp_path) as program:
+        before = {name: arm.snapshot().tick for name, arm in zip(WORLD, arms, strict=True)}
+        left.kill("servo")
+        complaint = program.communicate(timeout=PATIENCE_S)[1]
+    assert "the servo of puma560 does not run" in complaint
+    wait_until(lambda: not left.powered, "the guardian of the left arm acts")
+    right.wait_for(Mode.HOLDING)
+    rows = rows_of(right, before["right"])
+    last_ns = left.word("heartbeat", "t_ns") + slipped_ns(left) - slipped_ns(right)
+    known_ns = last_ns + max(STALLED_NS, round((1.2 * GUARDIAN_MS + STALL_MS) * NS_PER_MS))
+    assert slower_frame("right", rows) <= newest_frame(rows, known_ns) + 3  # the bridge looks at the servo each period
+    assert_it_rests_on_the_way_up("right", rows)
+    assert not rows["fault"].any()
+    left.processes.start("servo")
+    left.wait_for(Mode.FAULT)  # it finds the board taken, and not before its first cycle
+
+
+def test_when_the_program_is_killed_both_arms_stop_and_their_object_is_not_torn(
+    arms: list[RunningArm], tmp_path: Path
+) -> None:
+    left, right = arms
+    with carrying(arms, tmp_path) as program:
+        before = {name: arm.snapshot().tick for name, arm in zip(WORLD, arms, strict=True)}
+        program.kill()
+        apart_s = abs(slipped_ns(left) - slipped_ns(right)) * 1e-9
+    rows = rows_since(arms, before)
+    for name, own in rows.items():
+        assert slower_frame(name, own) <= last_frame(own) + 2
+        assert_it_rests_on_the_way_up(name, own)
+        assert not own["fault"].any()
+    assert abs(last_frame(rows["left"]) - last_frame(rows["right"])) <= 1 + apart_s / PERIOD_S
+    assert torn(rows) < (2.0 * PERIOD_S + apart_s) * SPEED_M_S + TRACKING_M
+
+
+def slipped_ns(arm: RunningArm) -> int:
+    """How far the time of an emulated arm is behind: both are stopped at one instant of the wall's clock."""
+    return arm.word("heartbeat", "slipped_ns")
 
 
 @needs_compiler

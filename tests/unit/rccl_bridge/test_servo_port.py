@@ -1,0 +1,49 @@
+"""When a bridge takes the servo of its arm for one that runs."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Iterator
+
+import pytest
+
+from qrobot.rccl_bridge.mailbox_port import STALE_NS, STALLED_NS, ServoPort
+from qrobot.servo.memory.servo_memory import ServoFront, create_servo_memory
+from qrobot.units import NS_PER_S
+
+
+@pytest.fixture
+def port() -> ServoPort:
+    return ServoPort(f"port{os.getpid()}", "puma560", 6)
+
+
+@pytest.fixture
+def front(port: ServoPort, monkeypatch: pytest.MonkeyPatch) -> Iterator[ServoFront]:
+    """Memory of a servo whose last cycle is of the instant at which time stands still."""
+    now_ns = NS_PER_S
+    monkeypatch.setattr(time, "monotonic_ns", lambda: now_ns)
+    with create_servo_memory(port.arm, port.robot_name, "pd", port.n, 1_000_000, 16) as servo:
+        servo.front.info.ready, servo.front.heartbeat.t_ns = 1, now_ns
+        yield servo.front
+
+
+def test_without_memory_there_is_no_servo(port: ServoPort) -> None:
+    assert not port.alive()
+
+
+@pytest.mark.parametrize(
+    ("age_ns", "takeover", "alive"),
+    [
+        (STALE_NS - 1, 0, True),
+        (STALE_NS, 0, False),
+        (-STALE_NS, 0, False),  # no cycle comes from the future
+        (STALLED_NS - 1, 1, True),  # it runs again, and has a fault to tell
+        (STALLED_NS, 1, False),
+    ],
+)
+def test_a_silent_servo_is_gone_sooner_when_its_guardian_has_taken_the_board(
+    port: ServoPort, front: ServoFront, age_ns: int, takeover: int, alive: bool
+) -> None:
+    front.guardian.takeover, front.heartbeat.t_ns = takeover, NS_PER_S - age_ns
+    assert port.alive() is alive
