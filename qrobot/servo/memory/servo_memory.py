@@ -256,12 +256,13 @@ def describe_servo(memory: Words, robot_name: str, law: str, n: int, period_ns: 
     if not 1 <= n <= MAX_JOINTS:
         raise ConfigError(f"{n} joints: this servo takes 1 to {MAX_JOINTS}")
     info = servo_front(memory).info
-    info.joints, info.period_ns = n, period_ns
+    info.joints = n
     info.telemetry_base, info.telemetry_capacity = _telemetry_base(n), telemetry_capacity
     info.robot_name, info.law = _name(robot_name), _name(law)
     info.analog_min[:] = info.analog_max[:] = np.nan
     command = servo_front(memory).command
     command.override, command.program_signals[:] = 1.0, np.nan
+    info.period_ns = period_ns  # last: `servo_info` waits for it
 
 
 def describe_law(memory: Words, law: str) -> None:
@@ -319,7 +320,7 @@ def servo_info(memory: Words) -> ServoInfo:
     """
     front = servo_front(memory)
     for _ in range(_START_TRIES):  # the owner has zeroed the memory and is about to say what it is
-        if front.info.joints != 0 or front.info.period_ns != 0:
+        if front.info.period_ns != 0:
             break
         time.sleep(_START_PAUSE_S)
     _insist_on_sense(memory, front.info)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 
 import numpy as np
 import pytest
@@ -19,6 +20,7 @@ from qrobot.servo.memory.servo_memory import (
     local_servo_memory,
     memory_words,
     servo_dtype,
+    servo_front,
     servo_info,
 )
 from qrobot.servo.memory.setpoint_queue import (
@@ -76,6 +78,14 @@ def test_a_name_that_does_not_fit_is_refused_and_one_that_just_fits_comes_back()
     with pytest.raises(ConfigError, match="longer than 64 bytes"):
         local_servo_memory("ü" * 33, "pd", 1, 1, 16)
     assert servo_info(local_servo_memory("ü" * 32, "pd", 1, 1, 16)).robot_name == "ü" * 32
+
+
+def test_a_reader_waits_for_a_servo_that_is_about_to_say_what_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
+    words = local_servo_memory("puma560", "pd", 6, 1_000_000, 16)
+    info = servo_front(words).info
+    info.period_ns = 0  # which is told last
+    monkeypatch.setattr(time, "sleep", lambda _: setattr(info, "period_ns", 1_000_000))
+    assert servo_info(words).period_ns == 1_000_000
 
 
 @given(st.lists(st.floats(allow_nan=True), min_size=3, max_size=3), st.lists(st.integers(0, 2), min_size=3, max_size=3))
