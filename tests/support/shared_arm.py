@@ -82,7 +82,7 @@ def settle(arm: RunningArm) -> None:
 
 
 def _off(arm: RunningArm) -> bool:
-    """Ask again: a fault stays while its cause does. A new servo finds only in its first cycle that the board is taken."""
+    """Ask again: a fault stays while its cause does. A new servo finds in its first cycle that the board is taken."""
     if arm.mode is Mode.OFF and not arm.word("guardian", "takeover"):
         return True
     with attach_servo_memory(arm.name) as servo:
