@@ -92,6 +92,7 @@ class MotionQueue:
         engine: the trajectory generator of the motions.
         tick: newest sample.
         override: speed override of the program, 0 to 1; that of the operator counts besides.
+        paused: the program wants its motions to stand still.
         kept: gives the setpoints while the arm is off their path, None for none.
     """
 
@@ -113,7 +114,7 @@ class MotionQueue:
         self._current: Motion | None = None
         self._skip = False
         self.kept: KeptMotions | None = None
-        self.override = FULL_SPEED
+        self.override, self.paused = FULL_SPEED, False
 
     @property
     def waiting(self) -> int:
@@ -156,7 +157,7 @@ class MotionQueue:
     def sample(self, seen: MachineSample) -> Floats:
         """The setpoints of the next sample period. Shape (n,)."""
         self.count(seen)
-        override = self.override * seen.override
+        override = 0.0 if self.paused else self.override * seen.override
         if self.kept is not None and (back := self.kept.setpoint(override)) is not None:
             return back
         self._dequeue(seen)

@@ -42,9 +42,19 @@ class KeptMotions:
         queue.kept = self
 
     @property
+    def off_path(self) -> bool:
+        """The arm waits off its path, or is led back to it."""
+        return self._path is not None
+
+    @property
     def reason(self) -> str:
         """Reason for which the arm stands off its path, until somebody confirms that it may go back; else empty."""
         return "" if self._path is None or self._path.confirmed else str(self._path.reason)
+
+    def waits(self, paused: bool) -> str:
+        """Reason for which the arm stands off its path, also on the way back when it is `paused` there; else empty."""
+        reason = None if self._path is None else self._path.waits(paused)
+        return "" if reason is None else str(reason)
 
     def confirm(self) -> None:
         """The arm may be led back; does nothing when it is on its path."""

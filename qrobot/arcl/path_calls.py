@@ -68,11 +68,22 @@ class PathCalls(ABC):
     @property
     def kept(self) -> str:
         """Reason for which the arm stands off its path, until somebody confirms that it may go back; else empty."""
-        return self._kept.reason
+        return self._kept.waits(self._motions.paused)
+
+    @property
+    def off_path(self) -> bool:
+        """The arm is off its path: it waits (`kept`), or is led back to it."""
+        return self._kept.off_path
+
+    def pause(self) -> None:
+        """Let motions come to a standstill on their path, or on the way back to it, and stay there until `resume`."""
+        with self._lock():
+            self._motions.paused = True
 
     def resume(self) -> None:
-        """Let an arm that has left its path (`keep_path`) be led back to it; does nothing on the path."""
+        """Let motions go on that `pause` holds, and an arm that has left its path (`keep_path`) be led back to it."""
         with self._lock():
+            self._motions.paused = False
             self._kept.confirm()
 
 

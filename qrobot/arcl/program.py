@@ -207,8 +207,13 @@ def arcl_kept(rp: ArclRobot) -> str:
     return _opened("arcl_kept", rp).kept
 
 
+def arcl_pause(rp: ArclRobot) -> None:
+    """Let motions come to a standstill on their path, or on the way back to it; see `ArclRobot.pause`."""
+    _opened("arcl_pause", rp).pause()
+
+
 def arcl_resume(rp: ArclRobot) -> None:
-    """Let an arm that has left its path be led back to it; see `ArclRobot.resume`."""
+    """Let motions go on, and an arm that has left its path be led back to it; see `ArclRobot.resume`."""
     _opened("arcl_resume", rp).resume()
 
 

@@ -328,7 +328,8 @@ class Channel(MotionParameters, HandAndOutputs):
     def pause(self) -> None:
         """Let motions come to a standstill on their path, and stay there until `resume`; nothing is forgotten.
 
-        It is no stop: `completed` does not become true, and what follows a frame that moves goes on.
+        It is no stop: `completed` does not become true, and what follows a frame that moves goes on. An arm that is led
+        back to its path (`keep_path`) stands still on its way; `kept` tells so.
         """
         self._task.paused = True
 
@@ -366,7 +367,12 @@ class Channel(MotionParameters, HandAndOutputs):
     @property
     def kept(self) -> str:
         """Reason for which the arm stands off its path, until somebody confirms that it may go back; else empty."""
-        return "" if self._task.kept is None else str(self._task.kept)
+        return "" if (reason := self._task.kept) is None else str(reason)
+
+    @property
+    def off_path(self) -> bool:
+        """The arm is off its path: it waits (`kept`), is led back to it, or goes back from what it met (`retract`)."""
+        return self._task.off_path
 
     @property
     def rate(self) -> float:

@@ -239,7 +239,7 @@ class TrajectoryTask:
     @property
     def kept(self) -> Exception | None:
         """Reason for which the arm stands off its kept path, until somebody confirms that it may go back."""
-        return None if self._kept is None or self._kept.confirmed else self._kept.reason
+        return None if self._kept is None else self._kept.waits(self.paused)
 
     @property
     def off_path(self) -> bool:
@@ -353,7 +353,7 @@ class TrajectoryTask:
         self.insist()
         if self._kept.confirmed and self._kept.judge(self._way_objection):
             self._cycle.take_again(self.how.powered)
-        self.chg.path_waits = self.kept is not None
+        self.chg.path_waits = not self._kept.confirmed
 
     def _way_objection(self, goal: Floats) -> MotionError | None:
         if self.how is None:

@@ -100,6 +100,11 @@ class ArclArm:
         return self._rp.kept
 
     @property
+    def off_path(self) -> bool:
+        """See `ValArm`."""
+        return self._rp.off_path
+
+    @property
     def waiting(self) -> int:
         """See `ValArm`."""
         self._look()
@@ -108,7 +113,7 @@ class ArclArm:
     @property
     def idle(self) -> bool:
         """See `ValArm`; the last setpoints are still under way when a motion is completed."""
-        if self._rp.busy:
+        if self.off_path or self._rp.busy:
             self._rest_since_s = None
         elif self._rest_since_s is None:
             self._rest_since_s = self.time_s
@@ -149,6 +154,10 @@ class ArclArm:
         """See `ValArm`."""
         self._rest_since_s = None
         self._rp.stop(MOV_TIME, STOP_MS)
+
+    def pause(self) -> None:
+        """See `ValArm`."""
+        self._rp.pause()
 
     def resume(self) -> None:
         """See `ValArm`."""

@@ -69,12 +69,16 @@ class ValArm(Protocol):
         """Reason for which the arm has been stopped; its path is kept until `resume`. Empty for none."""
 
     @property
+    def off_path(self) -> bool:
+        """The arm is off its path: it waits (`kept`), or is led back to it."""
+
+    @property
     def waiting(self) -> int:
         """Motions that have not begun."""
 
     @property
     def idle(self) -> bool:
-        """Everything is done, and the arm stands."""
+        """Everything is done, and the arm stands on its path."""
 
     def move(self, destination: Destination) -> None:
         """Queue a motion, joined to the one before without a stop. Raises MotionError when it cannot be done."""
@@ -86,7 +90,10 @@ class ValArm(Protocol):
         """Tell why a motion failed that had begun, in words, once; empty when none did."""
 
     def stop(self) -> None:
-        """Come to rest on the path, and forget what waits."""
+        """Come to rest on the path, and forget what waits. Control of an arm that is off its path is lost."""
+
+    def pause(self) -> None:
+        """Let an arm that is led back to its path stand still on its way; `kept` tells so, until `resume`."""
 
     def resume(self) -> None:
         """Let an arm that has been stopped, and whose path is `kept`, go back to it, and on."""

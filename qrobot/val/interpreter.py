@@ -7,6 +7,7 @@ then the sample passes. A mistake while it runs stops the arm on its path, and l
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from enum import Enum
 from typing import Final
 
@@ -22,6 +23,8 @@ from qrobot.val.task import ValTask, Waits, Watch
 
 STEPS_PER_SAMPLE: Final = 50  # of each program [A]; VAL II's own rate is not published
 MOST_BESIDE: Final = 6  # process control programs at a time [A]
+STANDSTILL_S: Final = 1.0  # a pause is complete by then
+TYPED: Final = "DO"  # name of a program of the one step that is typed at the monitor
 SAMPLES_TO_REST: Final = 5000  # an arm that does not come to rest by then has been lost
 
 
@@ -86,7 +89,7 @@ class Interpreter:
             ProgramError: there is no such program or step, or a structure in it does not match.
             LinkError, ServoFault: the arm is lost.
         """
-        self._need_path()
+        self.need_path()
         self.machine.reset_manner()
         self.task, self._unfinished = ValTask(self.machine, program, cycles=cycles, step=step - 1), []
         self._forget_failure()
@@ -95,10 +98,13 @@ class Interpreter:
     def proceed(self, single: bool = False) -> RunState:
         """Go on: first with the motions that were interrupted, then with the step behind. Raises as `execute`.
 
-        An arm that the servo has stopped goes back to its path first. A process control program goes on, too.
+        An arm that the servo has stopped goes back to its path before. A process control program goes on, too.
         """
         self._need_task()
-        self.machine.arm.resume()
+        self._go_back()
+        if stopped := self.machine.arm.kept:
+            self.pause(stopped)
+            return self.state
         unfinished, self._unfinished = self._unfinished, []
         try:
             for destination in unfinished:
@@ -109,6 +115,18 @@ class Interpreter:
             return self.state
         self._failed = None
         return self._run(single)
+
+    def lead_back(self) -> bool:
+        """Lead an arm back to its path that was stopped while no program was under way.
+
+        False when there is nothing of the kind: the arm is on its path, or `proceed` goes on. Raises ProgramError: it
+        was stopped again; LinkError, ServoFault: it is lost.
+        """
+        if self.unfinished or not self.machine.arm.off_path:
+            return False
+        self._go_back()
+        self.need_path()
+        return True
 
     def retry(self) -> RunState:
         """Go on: with the interrupted motions, and with the step that failed once more. Raises as `execute`."""
@@ -127,24 +145,27 @@ class Interpreter:
         self.state, self.message = RunState.ABORTED, ""
 
     def do(self, text: str) -> RunState:
-        """One step typed at the monitor; a program that is paused stays where it is. Raises as `execute`."""
-        self._need_path()
+        """One step typed at the monitor; a program that is paused stays where it is. Raises as `execute`.
+
+        Without such a program, a step that is stopped or interrupted goes on with `proceed`, as a program would.
+        """
+        self.need_path()
         line = parse_line(text)
         if isinstance(line.action, tree.Block | tree.ForLoop | tree.CaseValues | tree.Goto):
             raise ProgramError("DO takes a step that stands by itself, no part of a structure", column=1)
-        kept = self.task, self.state, self.message, self._unfinished, self._failed
-        name = "do:"
-        self.machine.programs[name] = tree.ValProgram(name, (), (line,))
+        before, kept = self.unfinished, (self.task, self.state, self.message, self._unfinished, self._failed)
+        self.machine.programs[TYPED] = tree.ValProgram(TYPED, (), (line,))
         try:
-            self.task, self._unfinished = ValTask(self.machine, name), []
+            self.task, self._unfinished = ValTask(self.machine, TYPED), []
             self._run(single=False)
-            self._need_path()
+            self.need_path()
             if self.error is not None:
                 raise self.error
             return self.state
         finally:
-            del self.machine.programs[name]
-            self.task, self.state, self.message, self._unfinished, self._failed = kept
+            del self.machine.programs[TYPED]
+            if before or self.state is not RunState.PAUSED:
+                self.task, self.state, self.message, self._unfinished, self._failed = kept
             self.error = None
 
     def _forget_failure(self) -> None:
@@ -204,12 +225,36 @@ class Interpreter:
             raise ProgramError(f"there is nothing to go on with: {self.state.value}")
         return self.task
 
-    def _need_path(self) -> None:
-        """Raise ProgramError: the arm waits to be led back to the path of what was begun before."""
+    def need_path(self) -> None:
+        """Raise ProgramError: the arm is off the path of what was begun before."""
+        if not self.machine.arm.off_path:
+            return
         if stopped := self.machine.arm.kept:
-            raise ProgramError(
-                f"{stopped}; PROCEED, or `qrobot ctl resume`, leads the arm back, QUIT gives its path up"
-            )
+            raise ProgramError(f"{stopped}; PROCEED leads the arm back, QUIT gives its path up")
+        raise ProgramError("the arm goes back to its path; PROCEED waits until it is there")
+
+    def _go_back(self) -> None:
+        """Lead an arm back that is off its path, until it is there or `kept` again; Ctrl-C pauses it on its way."""
+        arm = self.machine.arm
+        if not arm.off_path:
+            return
+        arm.resume()
+        try:
+            while arm.off_path and not arm.kept:
+                arm.sample()
+        except KeyboardInterrupt:
+            self._pause_on_way_back()
+            raise
+
+    def _pause_on_way_back(self) -> None:
+        """Let the arm stand still on its way, and wait until it does; another Ctrl-C meanwhile changes nothing."""
+        arm = self.machine.arm
+        if not arm.kept:
+            arm.pause()
+        until_s = arm.time_s + STANDSTILL_S
+        while arm.time_s < until_s:
+            with suppress(KeyboardInterrupt):
+                arm.sample()
 
     def _run(self, single: bool) -> RunState:
         self.state, self.message, self.error = RunState.RUNNING, "", None
@@ -232,6 +277,9 @@ class Interpreter:
         """Ctrl-C is the panic button: the arm comes to rest, and PROCEED takes up the motion."""
         self.pause("interrupted")
         try:
+            if self.machine.arm.off_path:
+                self._pause_on_way_back()  # the path keeps its motions
+                return
             self._come_to_rest()
             self._unfinished = self.machine.arm.unfinished()
         except QRobotError:
@@ -255,9 +303,10 @@ class Interpreter:
             self.machine.arm.sample()
 
     def _turn(self) -> None:
-        """Let all programs do their part of one sample; none while the arm stands off its path."""
+        """Let all programs do their part of one sample; none while the arm is off its path."""
         if stopped := self.machine.arm.kept:
             self.pause(stopped)
+        if self.machine.arm.off_path:
             return
         if failure := self.machine.arm.failure():
             self._fail(MotionError(failure))

@@ -70,8 +70,8 @@ class ValMonitor:
             "EXECUTE": self._execute,
             "XSTEP": lambda rest: self._execute(rest, single=True),
             "DO": self._do,
-            "NEXT": lambda _: self._told(self._run.proceed(single=True)),
-            "PROCEED": lambda _: self._told(self._run.proceed()),
+            "NEXT": lambda _: self._proceed(single=True),
+            "PROCEED": lambda _: self._proceed(),
             "RETRY": lambda _: self._told(self._run.retry()),
             "ABORT": self._abort,
             "HERE": lambda rest: self._do(f"HERE {rest}"),
@@ -151,16 +151,22 @@ class ValMonitor:
     def _told(self, state: RunState) -> str:
         return f"{state.value}{': ' + self._run.message if self._run.message else ''}"
 
+    def _proceed(self, single: bool = False) -> str:
+        if self._run.lead_back():
+            return "the arm has gone back to its path"
+        return self._told(self._run.proceed(single=single))
+
     def _do(self, text: str) -> str:
         self._run.do(text)
         return ""
 
     def _abort(self, _rest: str) -> str:
+        self._run.need_path()
         self._run.abort()
         return "aborted"
 
     def _quit(self, _rest: str) -> str:
-        if self._machine.arm.kept:
+        if self._machine.arm.off_path:
             self._run.abort()  # nobody is left who could lead the arm back
         self.over = True
         return ""

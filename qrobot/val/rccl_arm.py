@@ -72,6 +72,11 @@ class RcclArm:
         return self._channel.kept
 
     @property
+    def off_path(self) -> bool:
+        """See `ValArm`."""
+        return self._channel.off_path
+
+    @property
     def waiting(self) -> int:
         """See `ValArm`."""
         return self._channel.nbrequest
@@ -79,7 +84,7 @@ class RcclArm:
     @property
     def idle(self) -> bool:
         """See `ValArm`; the last setpoints are still under way when a motion is completed."""
-        if self._channel.completed.count == 0:
+        if self.off_path or self._channel.completed.count == 0:
             self._rest_since_s = None
         elif self._rest_since_s is None:
             self._rest_since_s = self.time_s
@@ -127,6 +132,10 @@ class RcclArm:
         """See `ValArm`."""
         self._rest_since_s = None
         self._channel.stop()
+
+    def pause(self) -> None:
+        """See `ValArm`."""
+        self._channel.pause()
 
     def resume(self) -> None:
         """See `ValArm`."""

@@ -6,6 +6,7 @@
     stops       300 stops at random instants, in each form of interpolation
     calibration 200 calibrations from random poses
     deaths      a servo that dies after any of its stores, by every cause and over every way to the board
+    val_storms  400 storms of commands and disturbances at VAL II's monitor, by RCCL and by ARCL
     val_lines   100,000 spoilt lines of VAL II: each is read, or refused with line and column
 
 Ends with 0 when nothing went wrong.
@@ -17,18 +18,20 @@ import argparse
 import sys
 
 from qrobot.servo.kernels.interpolation_polynomials import FORMS
-from tests.campaigns import calibration, deaths, encoders, held_up, quiet, stops, val_lines
+from tests.campaigns import calibration, deaths, encoders, held_up, quiet, stops, val_lines, val_storms
 
 HOUR_S = 3600.0
 STOPS = 300
 HELD_UP_DRAWS = 40  # of the mismatched plant, each with all lengths
 SPOILT_LINES = 100_000
+STORMS = 200  # with each library
 
 
 def main() -> int:
     """Run the campaign that the command line names; returns the exit status."""
     parser = argparse.ArgumentParser(prog="python -m tests.campaigns", description=__doc__.split("\n\n", 1)[0])
-    parser.add_argument("name", choices=["quiet", "held_up", "encoders", "stops", "calibration", "deaths", "val_lines"])
+    others = ["quiet", "held_up", "encoders", "stops", "calibration", "deaths"]
+    parser.add_argument("name", choices=[*others, "val_lines", "val_storms"])
     name = parser.parse_args().name
     if name == "quiet":
         wrong = quiet.campaign(HOUR_S)
@@ -42,6 +45,8 @@ def main() -> int:
         wrong = deaths.campaign()
     elif name == "val_lines":
         wrong = val_lines.campaign(SPOILT_LINES)
+    elif name == "val_storms":
+        wrong = val_storms.campaign(STORMS)
     else:
         wrong = sum(stops.campaign(STOPS, form) for form in FORMS)
     return 1 if wrong else 0

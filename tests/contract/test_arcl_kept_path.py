@@ -23,6 +23,7 @@ from qrobot.arcl import (
     arcl_keep_path,
     arcl_kept,
     arcl_open,
+    arcl_pause,
     arcl_resume,
     arcl_wait,
     joint_pos,
@@ -35,6 +36,7 @@ from qrobot.errors import MotionError, ServoFault
 from qrobot.faultcodes import FaultCode
 from qrobot.motion.kept import WAY_BACK_SHARE
 from qrobot.rci import VirtualLink
+from qrobot.wire import Mode
 from tests.support.arcl import forget_programs
 from tests.support.fake_robot import FakeRobot
 from tests.support.puma import LIMITS, PARK, PERIOD_S
@@ -152,6 +154,34 @@ def test_a_way_back_that_is_too_long_waits_until_more_is_allowed_and_a_stop_give
     with pytest.raises(ServoFault, match="FOLLOWING"):
         arcl_wait(rp)
     assert asked[1].code is EVENT_STOP
+
+
+def test_a_pause_holds_the_arm_on_its_path_and_on_the_way_back_until_the_program_goes_on(fake: FakeRobot) -> None:
+    def stands() -> bool:
+        """For a second, once a pause has had one to take effect."""
+        begin, q = rp.treal, []
+        arcl_wait(rp, lambda: rp.treal > begin + 1000.0)
+        arcl_wait(rp, lambda: q.append(rp.joints) or rp.treal > begin + 2000.0)
+        return bool(np.ptp(q, axis=0).max() < 1e-9)
+
+    rp = arcl_open(ARCL_AMI, "bridge")
+    arcl_keep_path(rp)
+    asked = motions(rp)
+    arcl_wait(rp, lambda: rp.treal > 500.0)
+    arcl_pause(rp)
+    assert stands()
+    assert (rp.off_path, rp.kept) == (False, "")
+    fail(fake, "fault")
+    arcl_wait(rp, lambda: rp.kept)
+    arcl_resume(rp)
+    arcl_wait(rp, lambda: fake.mode is Mode.TRACKING)
+    arcl_pause(rp)
+    assert stands()
+    assert rp.off_path
+    assert "paused" in arcl_kept(rp)
+    arcl_resume(rp)
+    arcl_wait(rp)
+    assert [motion.code for motion in asked] == [EVENT_DONE, EVENT_DONE]
 
 
 @pytest.mark.parametrize("layer", ["ceded", "loops", "stepper"])

@@ -117,6 +117,7 @@ static void motions(ROBOT *rp)
     m = move(rp, park, MOV_TIME, 1e4, 0);
     arcl_override(rp, 50.0);
     arcl_keep_path(rp, 1, 200.0, 30.0);
+    arcl_pause(rp);
     arcl_resume(rp);
     check("a path that nobody left", !*arcl_kept(rp));
     arcl_skip(rp);

@@ -250,6 +250,7 @@ CALLS: Final[dict[str, CHandler]] = {
     "arcl_override": _plain(arcl.arcl_override),
     "arcl_keep_path": _plain(arcl.arcl_keep_path),
     "arcl_kept": _kept,
+    "arcl_pause": _plain(arcl.arcl_pause),
     "arcl_resume": _plain(arcl.arcl_resume),
     "arcl_wait": _plain(arcl.arcl_wait),
     "arcl_errproc": _plain(arcl.arcl_errproc),

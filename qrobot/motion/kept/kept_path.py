@@ -73,6 +73,16 @@ class KeptPath:
         """Reason for which the arm stands off its path."""
         return self.fault if self.refusal is None else self.refusal
 
+    def waits(self, paused: bool) -> Exception | None:
+        """Reason for which the arm stands off its path, and waits for somebody; None while it is led back.
+
+        Args:
+            paused: the program lets it stand still on its way.
+        """
+        if not self.confirmed:
+            return self.reason
+        return MotionError("the program has paused the arm on the way back to its path") if paused else None
+
     def judge(self, objection_to: Callable[[Floats], MotionError | None]) -> bool:
         """Whether an arm that may go back is near enough to its goal, which stands; else it waits for another word."""
         self.refusal = self._objection() or objection_to(self._goal)

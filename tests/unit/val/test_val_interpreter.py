@@ -238,7 +238,7 @@ def test_a_stop_of_the_servo_pauses_a_program_and_proceed_leads_the_arm_back_to_
             assert "ESTOP" in run.message
             fake.q = tuple(np.array(fake.q) - 0.02)
             for command in (lambda: run.execute("main"), lambda: run.do("READY")):
-                with pytest.raises(ProgramError, match="PROCEED, or"):
+                with pytest.raises(ProgramError, match="PROCEED leads"):
                     command()
         assert run.proceed() is RunState.COMPLETED, run.message
         assert run.machine.frame("here")[:3, 3] == pytest.approx([0.450, -0.150, 0.0], abs=1e-6)
@@ -251,7 +251,7 @@ def test_quit_gives_up_the_path_of_an_arm_that_the_servo_has_stopped_and_tells_w
     run = Interpreter(RcclArm(channel))
     monitor, begin = ValMonitor(run), fake.seq
     fake.before_period = lambda seq: fake.break_down(FaultCode.ESTOP) if seq == begin + 25 else None
-    assert re.search(r"ESTOP.*`qrobot ctl resume`", monitor.obey("DO READY"))
+    assert re.search(r"ESTOP.*PROCEED leads", monitor.obey("DO READY"))
     assert monitor.obey("QUIT") == ""
     with pytest.raises(ServoFault, match="ESTOP"):
         channel.finish()

@@ -214,7 +214,8 @@ void arcl_skip(ROBOT *rp);
 void arcl_override(ROBOT *rp, double percent); /* of the programmed speed, above 0 to 100 */
 void arcl_keep_path(ROBOT *rp, int keep, double way_back_mm, double way_back_deg); /* motions outlive a stop: 1, 300, 45 */
 char *arcl_kept(ROBOT *rp); /* why the arm stands off its path, "" on it; good until the next call */
-void arcl_resume(ROBOT *rp);      /* it may be led back */
+void arcl_pause(ROBOT *rp);       /* motions stand still on their path, or on the way back to it */
+void arcl_resume(ROBOT *rp);      /* they go on, and an arm off its path may be led back */
 int arcl_errproc(int (*function)(Event, ROBOT *, const char *)); /* a null pointer: ARCL decides again */
 Trans *where(ROBOT *rp);
 

@@ -88,6 +88,11 @@ API char *arcl_kept(ROBOT *rp)
     return text;
 }
 
+API void arcl_pause(ROBOT *rp)
+{
+    arcl_call("arcl_pause", NULL, LIST(arcl_object(rp)));
+}
+
 API void arcl_resume(ROBOT *rp)
 {
     arcl_call("arcl_resume", NULL, LIST(arcl_object(rp)));
