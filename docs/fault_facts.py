@@ -109,7 +109,9 @@ FACTS: Final = {
     F.MOVING_AT_START: Fact(
         "power is refused", f"{SUPERVISOR}::test_power_is_refused_with_the_reason_and_not_given_later_by_itself", False
     ),
-    F.STREAM_LOST: Fact("two frames and a quarter after the last one", STREAM),
+    F.STREAM_LOST: Fact(
+        "two frames and a quarter after the last one, or when the next is due to which no way leads back", STREAM
+    ),
     F.SP_INVALID: Fact("when the frame is due; it is not played", STREAM),
     F.SP_LIMIT: Fact("when the frame is due; it is not played", STREAM),
     F.SP_STEP: Fact("when the frame is due; it is not played", STREAM),

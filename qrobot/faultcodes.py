@@ -201,7 +201,10 @@ EXPLANATION: dict[FaultCode, tuple[str, str]] = {
         "the control law wrote past the end of an array",
         "correct the law, then `qrobot ctl clear`: the law before it is in force again",
     ),
-    FaultCode.STREAM_LOST: ("setpoints stopped arriving", "restart the program; it begins from where the arm stands"),
+    FaultCode.STREAM_LOST: (
+        "setpoints stopped arriving, or no way led back to them after a lost one",
+        "restart the program; it begins from where the arm stands",
+    ),
     FaultCode.SP_INVALID: ("a setpoint was not a finite number", "correct the program"),
     FaultCode.SP_LIMIT: ("a setpoint lies outside the joint's range", "correct the program"),
     FaultCode.SP_STEP: ("a setpoint asks for more speed or acceleration than the joint has", "correct the program"),

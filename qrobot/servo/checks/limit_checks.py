@@ -124,8 +124,8 @@ def check_setpoint(
     """(code, joint): the next setpoint is finite, in range, and asks for no more than the joint has.
 
     Differences against the two newest knots give the velocity and acceleration asked for; sampling a smooth motion
-    overshoots them slightly, which `v_max` and `a_max` have to allow for; beside an extrapolated knot the bend is seen
-    up to three times too large, which `slack` allows for. Shapes (n,), knots (4, n).
+    overshoots them slightly, which `v_max` and `a_max` have to allow for; a path that is led back after a lost
+    frame bends more than its setpoints, which `slack` allows for. Shapes (n,), knots (4, n).
     """
     for j in range(setpoint.size):
         if modes[j] == POSITION_SETPOINT:

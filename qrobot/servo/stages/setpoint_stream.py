@@ -2,8 +2,9 @@
 
 A stream starts playing half a frame after its first frame arrived, so that later frames may arrive a little early or
 late. From then on one frame is taken per frame period. A frame that is not there, or is refused, is replaced by going
-on at constant velocity; a second missing frame in a row, silence for two periods and a margin, or a refused frame ends
-the stream in a stop on the path. After any stop the servo follows only a new stream.
+on at constant velocity, and the path is led back to the setpoints afterwards (`servo.kernels.lead_back`); a second
+missing frame in a row, silence for two periods and a margin, or a refused frame ends the stream in a stop on the path.
+After any stop the servo follows only a new stream.
 
 After one lost frame the next one is due exactly two periods after the last one that came. The margin lets it be late:
 by a quarter of a period, and by one cycle of the servo at least.
@@ -16,13 +17,12 @@ from __future__ import annotations
 
 from typing import Any, Final
 
-import numpy as np
-
 from qrobot.faultcodes import NO_JOINT, FaultCode
 from qrobot.realtime.jit import lean_kernel
 from qrobot.servo.checks.limit_checks import check_first_setpoint, check_setpoint
 from qrobot.servo.checks.tip_speed import check_tip_step
 from qrobot.servo.kernels.interpolator import line_through, rest_at, shift_extrapolated, shift_in
+from qrobot.servo.kernels.lead_back import BEND_SLACK, lead_back, no_way_back
 from qrobot.servo.memory.setpoint_queue import (
     POSITION_SETPOINT,
     QUEUE_CAPACITY,
@@ -39,15 +39,14 @@ from qrobot.servo.state import (
 PLAYOUT_FRAMES: Final = 0.5
 LOST_AFTER_FRAMES: Final = 2
 SILENCE_MARGIN: Final = 0.25  # of a period: how late the frame after a lost one may be [A]
-# How much larger a bend of the setpoints shows when one of the knots before it was extrapolated: none, the newest, the
-# one before the newest. With second differences d1, d2 <= a T^2 around the missing knot they are d2 + 2 d1 and d3 - d1.
-BEND_SLACK: Final = np.array([1.0, 3.0, 2.0])
 MAX_RATE_SHIFT: Final = 0.02
 PHASE_GAIN: Final = 0.05
 _PHASE_ROUNDING: Final = 1e-9  # a frame of k ticks ends at the k-th, whatever the sum of k rounded fractions
 
 STREAM_LOST: Final = int(FaultCode.STREAM_LOST)
 SP_INVALID: Final = int(FaultCode.SP_INVALID)
+SP_STEP: Final = int(FaultCode.SP_STEP)
+T1_LIMIT: Final = int(FaultCode.T1_LIMIT)
 REFUSALS: Final = tuple(int(FaultCode[name]) for name in ("SP_INVALID", "SP_LIMIT", "SP_STEP", "START_POSE"))
 SHORTEST_FRAME_NS: Final = 1_000_000
 LONGEST_FRAME_NS: Final = 100_000_000
@@ -117,6 +116,8 @@ def start_stream(params: ServoParameters, state: ServoState, now_ns: int) -> Non
     state.last_arrival_ns = now_ns
     state.misses = state.bridged = 0
     rest_at(state.knots, state.q_ref)
+    for j in range(state.q.size):
+        state.aside[j] = 0.0
     overdue_s = min(now_ns - state.play_at_ns, params.period_ns) * 1e-9
     state.rate = 1e9 / state.frame_ns
     state.phase = 1.0 + (overdue_s - state.dt) * state.rate
@@ -175,17 +176,29 @@ def _judge_frame(params: ServoParameters, state: ServoState) -> tuple[int, int]:
             # back to a position: from where the joint is, at the speed it has
             line_through(state.knots, params.first_knot, j, state.phase + 1.0, state.q[j], state.v[j] / state.rate)
         if state.setpoint_modes[j] == 0:
-            state.setpoint_modes[j], state.setpoint[j] = POSITION_SETPOINT, state.knots[3, j]
+            state.setpoint_modes[j], state.setpoint[j] = POSITION_SETPOINT, state.knots[3, j] - state.aside[j]
+    period_s = state.frame_ns * 1e-9
+    led = lead_back(
+        state.setpoint, state.setpoint_modes, state.knots, state.aside, state.bridged,
+        state.range_min, state.range_max, params.v_max, params.a_setpoint, period_s,
+    )  # fmt: skip
     code, joint = check_setpoint(
         state.setpoint, state.setpoint_modes, state.knots, state.range_min, state.range_max,
-        params.v_setpoint, params.a_setpoint, params.tau_setpoint, state.frame_ns * 1e-9,
-        BEND_SLACK[state.bridged],
+        params.v_setpoint, params.a_setpoint, params.tau_setpoint, period_s, BEND_SLACK if led else 1.0,
     )  # fmt: skip
+    if code == 0 and led:
+        joint = no_way_back(
+            params.form, state.setpoint, state.setpoint_modes, state.knots, state.aside,
+            params.v_max, params.a_setpoint, period_s,
+        )  # fmt: skip
+        code = STREAM_LOST if joint != NO_JOINT else 0
     if code == 0:
         code = check_tip_step(
-            state.setpoint, state.setpoint_modes, state.knots, state.frame_ns * 1e-9,
+            state.setpoint, state.setpoint_modes, state.knots, period_s,
             params.dynamics.chain, params.tip, params.tool_speed, state.scratch,
         )  # fmt: skip
+    if led and code in (SP_STEP, T1_LIMIT):  # not the program asked for so much, but the way back
+        code = STREAM_LOST
     return code, joint
 
 

@@ -208,7 +208,7 @@ static inline const char *qrobot_fault_text(int code)
     case 22: return "GUARD_TRIP: the guardian cut the torque because the servo's heartbeat stopped";
     case 25: return "RT_BUDGET: the loop would use more processor time than the kernel leaves real-time threads";
     case 26: return "PAGEFAULT: the loop had to wait for a page of memory";
-    case 28: return "STREAM_LOST: setpoints stopped arriving";
+    case 28: return "STREAM_LOST: setpoints stopped arriving, or no way led back to them after a lost one";
     case 36: return "GUARD_LOST: the guardian is gone";
     case 39: return "MOVING_AT_START: the arm moves although it should be at rest";
     case 41: return "LAW_NAN: the control law returned no finite torque";
