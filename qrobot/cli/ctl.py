@@ -84,6 +84,7 @@ def _changed(status: ServoStatus) -> str:
     told += ["paused"] if status.paused else []
     told += [f"tool at most {status.tool_speed_limit:g} m/s"] if status.tool_speed_limit > 0 else []
     told += [f"payload {status.payload_mass:g} kg"] if status.payload_mass > 0 else []
+    told += [f"after a collision {status.collision_reaction}"] if status.collision_reaction != "stop" else []
     return "".join(f", {each}" for each in told)
 
 

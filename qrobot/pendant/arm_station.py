@@ -99,7 +99,6 @@ class ArmStation:
             "guide": self.worker.guide,
             "led": self.worker.led,
             "commanded": self._commanded,
-            "collision": self._collision_facts(),
             "places": [*self.robot.poses, *taught],
             "taught": taught,
             "program": self.programs.facts,
@@ -131,18 +130,20 @@ class ArmStation:
         self.worker.start()
         self.worker.say(do="on", guide=guide, back=back_mm)
 
+    def set_load(self, mass: float, centre_mm: Sequence[float]) -> None:
+        """Let the servo reckon with a load, kg, its centre in the flange's frame; told when it does. Returns at once.
+
+        Whoever commands the arm tells it: this pendant's own process while it has taken the arm.
+        """
+        if self.worker.session == "ready":
+            self.worker.say(do="load", mass=mass, centre=list(centre_mm))
+        else:
+            self.requests.load(mass, [M_PER_MM * each for each in centre_mm])
+
     def choose_collision(self, share: float, reaction: str) -> None:
         """Have collisions told at a share of the robot file's thresholds, and choose what follows them."""
         most = self.robot.guard.unexplained_torque_or_default
         self.requests.collision((share * most).tolist() if share < 1.0 else (), reaction)
-
-    def _collision_facts(self) -> dict[str, Any] | None:
-        """Choice for collisions that this pendant has made last, None for none."""
-        if (chosen := self.requests.collision_in_force) is None:
-            return None
-        thresholds, reaction = chosen
-        told = thresholds or self.robot.guard.unexplained_torque_or_default.tolist()
-        return {"thresholds": [round(each, 1) for each in told], "reaction": reaction}
 
     def keep_recording(self, smooth_mm: float) -> None:
         """Write what the arm was led through beside its logs, smoothed; told when it is. Raises ConfigError."""

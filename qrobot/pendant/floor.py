@@ -33,7 +33,6 @@ from qrobot.pendant.messages import (
 from qrobot.pendant.procedure_messages import PageProcedureEnd, PageProcedureKeep, PageProcedureStart
 from qrobot.pendant.program_messages import PageProgramEnd, PageProgramInterrupt, PageProgramSay, PageProgramStart
 from qrobot.pendant.servo_requests import ANYBODY
-from qrobot.units import M_PER_MM
 from qrobot.wire import State
 
 MOST_FRAMES: Final = 256  # that wait for a page which does not read: some seconds of two arms, then the oldest go
@@ -192,7 +191,7 @@ class DriveFloor:
             case PageCommand(on=on, guide=guide, back_mm=back_mm):
                 self._of(message).take_arm(guide, back_mm) if on else self._of(message).give_arm()
             case PageLoad(mass=mass, centre_mm=centre_mm):
-                self._of(message).requests.load(mass, [M_PER_MM * each for each in centre_mm])
+                self._of(message).set_load(mass, centre_mm)
             case PageCollision(share=share, reaction=reaction):
                 self._of(message).choose_collision(share, reaction)
             case PageOverride(factor=factor):

@@ -58,6 +58,10 @@ class GuideSession:
         """Leave the hand as it is: an arm that is led has it in somebody's way."""
         self._tell(f"the hand is not {'opened' if opened else 'closed'}: {NOT_LED}")
 
+    def load(self, mass: float, _centre_mm: list[float]) -> None:
+        """Leave the load as it is: an arm that is led would sink or rise in somebody's hand."""
+        self._tell(f"not {mass:g} kg: let go of the arm before its load is changed")
+
     def run(self) -> None:
         """Take the arm and serve; raises what ends it before its time, see `GuidedArm`."""
         with GuidedArm(self._link, self._robot) as arm:

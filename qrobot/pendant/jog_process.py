@@ -4,8 +4,8 @@ It reads lines of JSON from its input and writes some to its output; at the end 
 brings the arm to rest and ends.
 
     {"do": "on", "guide": false, "back": 20.0}, {"do": "off"}, {"do": "press", ...}, {"do": "beat", "number": 3},
-    {"do": "release"}, {"do": "stop"}, {"do": "hand", "opened": true}, {"do": "keep", "path": "led.csv",
-    "smooth": 0.003}, {"do": "forget"}
+    {"do": "release"}, {"do": "stop"}, {"do": "hand", "opened": true}, {"do": "load", "mass": 1.5,
+    "centre": [0.0, 0.0, 50.0]}, {"do": "keep", "path": "led.csv", "smooth": 0.003}, {"do": "forget"}
     {"session": "no" | "opening" | "ready", "text": "for people", "guide": false, "led": [2.5, 4.0]}
 
 An arm that is jogged goes "back" so many mm from what it met, 0 for not at all. With "guide" it is led by hand; "led"
@@ -147,6 +147,10 @@ class JogProcess:
                 session.press.end()
             case "hand" if session is not None:
                 session.hand(message["opened"])
+            case "load" if session is not None:
+                session.load(message["mass"], message["centre"])
+            case "load":
+                self._say("no", "the load is as it was: the arm has just been let go of; set it once more")
             case "keep":
                 self._keep(message["path"], message["smooth"])
             case "forget" if session is None:

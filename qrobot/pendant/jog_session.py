@@ -54,6 +54,7 @@ class JogSession:
         self._robot, self._link, self._taught = robot, link, taught
         self._ready, self._tell, self._clock = ready, tell, clock
         self._leaving = False
+        self._load: tuple[float, list[float]] | None = None
         self._arm: Channel | None = None
         self._done: Press | None = None
 
@@ -72,6 +73,10 @@ class JogSession:
             with suppress(QRobotError):
                 (arm.OPEN if opened else arm.CLOSE)()
 
+    def load(self, mass: float, centre_mm: list[float]) -> None:
+        """Tell the servo a load, kg, once nothing is held; told when it reckons with it, or why it does not."""
+        self._load = mass, centre_mm
+
     def run(self) -> None:
         """Take the arm and serve; raises what ends it before its time, see `open_channel`."""
         with open_channel(self._link, self._robot, PERIOD_MS) as arm:
@@ -89,10 +94,21 @@ class JogSession:
         self._ready()
         with motion.watched():
             while not self._leaving:
-                arm.waitas(lambda: self._leaving or motion.held is not None)
+                arm.waitas(lambda: self._leaving or motion.held is not None or self._load is not None)
+                self._take_load(arm)
                 if (press := motion.held) is not None and not self._leaving:
                     self._obey(arm.robot, motion, press)
                     arm.waitas(lambda: motion.held is not self._done)
+
+    def _take_load(self, arm: Channel) -> None:
+        load, self._load = self._load, None
+        if load is None:
+            return
+        try:
+            arm.setload(*load)
+            self._tell(f"the servo reckons with {load[0]:g} kg in the hand")
+        except MotionError as error:
+            self._tell(f"load: {error}")
 
     def _obey(self, robot: Robot, motion: HeldMotion[Press], press: Press) -> None:
         """Move for as long as a press is held; what cannot be done is told, and the press is dead."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import struct
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, TypeVar
 
 from qrobot.errors import QRobotError
 from qrobot.pendant.arm_station import ArmStation
@@ -16,6 +16,7 @@ from qrobot.servo.operator.client import ServoClient
 if TYPE_CHECKING:
     from fastapi import FastAPI
 
+T = TypeVar("T")
 SETPOINT_HEAD: Final = struct.Struct("<IId")  # samples, joints, period in s; then 32-bit floats, sample by sample
 MOST_SETPOINTS: Final = 200_000  # an hour and a half at 28 ms
 MOST_BYTES: Final = 64 << 20  # of a setpoint file
@@ -31,7 +32,7 @@ def add_queries(app: FastAPI, floor: DriveFloor) -> None:
             raise HTTPException(404, "there is no such arm")
         return floor.arms[arm]
 
-    def told(ask: Callable[[], Any]) -> Any:
+    def told(ask: Callable[[], T]) -> T:
         try:
             return ask()
         except QRobotError as error:
@@ -68,7 +69,7 @@ def add_queries(app: FastAPI, floor: DriveFloor) -> None:
         return of(arm).board.look(kinds)
 
     def load(arm: int) -> dict[str, Any]:
-        return {"mass": told(lambda: load_of(of(arm).arm.name))}
+        return told(lambda: load_of(of(arm).arm.name))
 
     def procedure(arm: int, after: int) -> dict[str, Any]:
         return of(arm).procedures.output(after)
@@ -81,10 +82,15 @@ def add_queries(app: FastAPI, floor: DriveFloor) -> None:
     app.add_api_route("/ask/board", board, methods=["GET"], response_model=None)
 
 
-def load_of(arm: str) -> float:
-    """Mass of the payload that the servo of an arm reckons with, kg. Raises QRobotError: the servo does not answer."""
+def load_of(arm: str) -> dict[str, Any]:
+    """Load that a servo reckons with, and what it takes for a collision. Raises QRobotError: it does not answer."""
     with ServoClient(arm, ANSWER_S) as servo:
-        return servo.status().payload_mass
+        status = servo.status()
+    return {
+        "mass": status.payload_mass,
+        "thresholds": [round(each, 1) for each in status.collision_thresholds],
+        "reaction": status.collision_reaction,
+    }
 
 
 def _setpoints(path: Path | None, n: int) -> bytes:

@@ -48,9 +48,6 @@ class ServoRequests:
         arm: instance name.
         tell: takes a line for people, from another thread.
         connect: opens the control interface, with patience in s.
-
-    Attributes:
-        collision_in_force: thresholds and reaction that the servo has taken from this pendant last; None for none.
     """
 
     def __init__(
@@ -59,7 +56,6 @@ class ServoRequests:
         self._arm, self._tell, self._connect = arm, tell, connect
         self._stops, self._power_offs = (threading.BoundedSemaphore(MOST_STOPS) for _ in range(2))
         kinds = {OPPOSITES.get(name, name) for name in (*ACTIONS, OVERRIDE, LOAD, COLLISION)}
-        self.collision_in_force: tuple[tuple[float, ...], str] | None = None
         self._lanes = {kind: RequestLane(kind) for kind in kinds}
 
     def stop(self, by_bridge: bool) -> None:
@@ -109,7 +105,6 @@ class ServoRequests:
 
         def change(servo: ServoClient) -> None:
             servo.change_collision(thresholds, reaction)
-            self.collision_in_force = (tuple(thresholds), reaction)
             self._tell(f"after a collision the servo {REACTIONS[reaction]}")
 
         self._begin(change, COLLISION)

@@ -205,6 +205,8 @@ class ServoStatus(OperatorMessage):
         path_waits: a program waits for somebody to confirm that the arm may go back to its path.
         speed_limit, tool_speed_limit: within which programs plan; see `wire.robot_state`.
         payload_mass: kg, of the payload that the servo reckons with.
+        collision_thresholds: torque nobody commanded at which a collision is told, N m (N); more under a compliant law.
+        collision_reaction: what follows one, stop or comply.
         page_faults: how often the loop had to wait for memory since it began.
         commander: who commands, "" for nobody.
         force: on the wrist's sensor, fx fy fz tx ty tz, N and N m; None where it is not known.
@@ -241,6 +243,8 @@ class ServoStatus(OperatorMessage):
     speed_limit: float = 1.0
     tool_speed_limit: float = 0.0
     payload_mass: float = 0.0
+    collision_thresholds: Annotated[tuple[float, ...], Field(strict=False)] = ()
+    collision_reaction: str = "stop"
     q: Annotated[tuple[float, ...], Field(strict=False)]
     v: Annotated[tuple[float, ...], Field(strict=False)]
     tau: Annotated[tuple[float, ...], Field(strict=False)]

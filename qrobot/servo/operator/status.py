@@ -7,6 +7,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from qrobot.arrays import Floats
 from qrobot.faultcodes import NO_JOINT, FaultCode, explain
 from qrobot.hwif.arm_clock import arm_time_ns
 from qrobot.modecodes import Mode
@@ -17,6 +18,7 @@ from qrobot.servo.modes import mode_name
 from qrobot.servo.operator.board_status import board_status
 from qrobot.servo.operator.controlled import Controlled
 from qrobot.servo.operator.messages import ServoStatus
+from qrobot.wire.vocabulary import CollisionReaction
 
 GUARD_TRIP: Final = int(FaultCode.GUARD_TRIP)
 HANDS: Final = ("relaxed", "open", "closed")  # by COMMAND_HAND
@@ -68,6 +70,8 @@ def servo_status(servo: Controlled, commander: str) -> ServoStatus:
         speed_limit=snapshot.speed_limit,
         tool_speed_limit=snapshot.tool_speed_limit,
         payload_mass=snapshot.payload_mass,
+        collision_thresholds=floats(_collision_thresholds(servo)),
+        collision_reaction=_collision_reaction(servo.mailbox),
         q=floats(snapshot.q),
         v=floats(snapshot.v),
         tau=floats(snapshot.tau),
@@ -76,6 +80,18 @@ def servo_status(servo: Controlled, commander: str) -> ServoStatus:
         inertia=floats(gains[M0]),
         board=board_status(servo.board.memory, lambda: arm_time_ns(servo.board.memory, servo.settings.board_slips)),
     )
+
+
+def _collision_thresholds(servo: Controlled) -> Floats:
+    """Thresholds of the newest request, and the robot file's where it says nothing. Shape (n,), N m (N)."""
+    usual = servo.robot.guard.unexplained_torque_or_default
+    asked = servo.mailbox.memory.command.collision_thresholds[: usual.size]
+    return np.where(asked > 0.0, np.minimum(asked, usual), usual)
+
+
+def _collision_reaction(mailbox: ServoMailbox) -> str:
+    comply = mailbox.memory.command.collision_reaction == CollisionReaction.COMPLY
+    return (CollisionReaction.COMPLY if comply else CollisionReaction.STOP).name.lower()
 
 
 def floats(vector: Any) -> tuple[float, ...]:

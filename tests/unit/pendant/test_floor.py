@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from qrobot.config.deployment import load_deployment
+from qrobot.config.start_place import start_text
 from qrobot.errors import MotionError, RemoteProtocolError
 from qrobot.model.arm import Arm
 from qrobot.model.transform_file import TransformFile
@@ -19,6 +20,7 @@ from qrobot.pendant.floor import DriveFloor
 from qrobot.pendant.frames import HEAD, STATE_FRAME
 from qrobot.pendant.lease import ANSWER_S, SILENCE_S
 from qrobot.pendant.messages import decode_message
+from qrobot.pendant.program_messages import PageProgramStart
 from qrobot.wire import RobotState, State
 from tests.support.puma import ROBOT
 
@@ -147,15 +149,15 @@ def test_load_collisions_and_the_way_back_are_chosen_by_the_page_that_drives_alo
     floor.says(0, do="take", arm=0)
     ((mass, centre_m),) = floor.says(0, **load)
     assert (mass, centre_m) == (1.5, pytest.approx([0.0, 0.01, 0.05]))
+    floor.station.worker.session = "ready"  # the pendant itself commands the arm, and so it tells the load
+    assert floor.says(0, **load) == [{"do": "load", "mass": 1.5, "centre": [0.0, 10.0, 50.0]}]
+    floor.station.worker.session = "no"
     ((thresholds, reaction),) = floor.says(0, **collision)
     assert thresholds == pytest.approx((0.5 * ROBOT.guard.unexplained_torque_or_default).tolist())
     assert reaction == "comply"
     assert floor.says(0, **collision | {"share": 1.0})[0][0] == ()  # those of the robot file
     told = floor.says(0, do="command", arm=0, on=True, back_mm=20)
     assert told == [{"do": "on", "guide": False, "back": 20.0}]
-    assert floor.station.status["collision"] is None
-    requests.collision_in_force = ((1.0,) * 6, "stop")
-    assert floor.station.status["collision"] == {"thresholds": [1.0] * 6, "reaction": "stop"}
     bad = (
         load | {"mass": -1},
         load | {"centre_mm": [0, 0]},
@@ -233,7 +235,13 @@ READY = {"t_ns": 0, "mode": 5, "q": Q, "v": (0.0,) * 6, "tau": (0.0,) * 6, "q_se
 def test_a_program_moves_the_arm_when_the_page_that_drives_has_confirmed_it_and_the_arm_is_ready(
     floor: Floor, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(floor.station.programs, "start", lambda request, _: floor.asked.append(request.manner))
+    places: list[str] = []
+
+    def start(request: PageProgramStart, _bridges: object, place: str) -> None:
+        floor.asked.append(request.manner)
+        places.append(place)
+
+    monkeypatch.setattr(floor.station.programs, "start", start)
     assert floor.says(0, **START) == []
     floor.says(0, do="take", arm=0)
     refusals = [
@@ -253,6 +261,7 @@ def test_a_program_moves_the_arm_when_the_page_that_drives_has_confirmed_it_and_
     with pytest.raises(MotionError, match="somebody else commands"):
         floor.says(0, **START)
     assert floor.says(0, **START | {"manner": "offline", "confirmed": False}) == ["offline"]
+    assert places == [start_text(np.array(READY["q"]), ROBOT)]  # where the arm stands
     floor.station.watch._tell(State(1, RobotState(**READY)))  # type: ignore[arg-type]
     floor.station.worker.session = "ready"
     with pytest.raises(MotionError, match="let go of the arm"):
@@ -276,7 +285,7 @@ def test_a_program_reaches_the_arms_that_its_page_drives_and_none_of_another_pag
 ) -> None:
     floor = Floor(tmp_path, arms=2)
     for arm in floor.arms:
-        monkeypatch.setattr(arm.programs, "start", lambda _, bridges: floor.asked.append(bridges))
+        monkeypatch.setattr(arm.programs, "start", lambda _, bridges, _place: floor.asked.append(bridges))
         arm.watch._tell(State(1, RobotState(**READY)))  # type: ignore[arg-type]
     own, other = (arm.bridge for arm in floor.arms)
     assert own != other

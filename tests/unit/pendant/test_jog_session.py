@@ -223,6 +223,20 @@ def test_a_hand_of_an_arm_that_is_lost_is_left_as_it_is(monkeypatch: pytest.Monk
     assert desk.said == []
 
 
+def test_a_load_is_told_once_nothing_is_held_and_what_is_none_is_refused(tmp_path: Path) -> None:
+    loads: list[Deed] = [
+        (1.5, lambda session: session.load(1.5, [0.0, 0.0, 50.0])),
+        (5.0, lambda session: session.load(1.0, [0.0, 50.0])),
+    ]
+    desk = Desk(tmp_path / "t.db", *hold(TURN, 1.0, 2.5), *loads, leave(6.0))
+    masses = [state.robot.payload_mass for state in desk.states]
+    assert set(masses[: round(2.5e3 / PERIOD_MS)]) == {0.0}
+    assert masses[-1] == 1.5
+    taken, refused = desk.said
+    assert taken == "the servo reckons with 1.5 kg in the hand"
+    assert refused.startswith("load: setload: a centre has 3 numbers")
+
+
 @pytest.mark.parametrize("press", [TURN, Press(1, "axis", "dy", 1.0, share=2.0)])
 def test_a_held_button_ends_before_a_fence_and_leads_back(press: Press, tmp_path: Path) -> None:
     _, start, end, radius = FenceSet(ROBOT, []).capsules_at(PARK)[-1]

@@ -105,9 +105,7 @@ def test_a_load_and_what_follows_a_collision_are_told_when_the_servo_has_taken_t
         assert arrived.wait(PATIENCE_S)
         assert answer in told[-1]
         arrived.clear()
-    assert requests.collision_in_force is None
     requests.collision((10.0, 20.0), "comply")
     assert arrived.wait(PATIENCE_S)
     assert "soft for two seconds" in told[-1]
     assert servo.done == [(1.5, (0.0, 0.01, 0.05)), ((10.0, 20.0), "comply")]
-    assert requests.collision_in_force == ((10.0, 20.0), "comply")

@@ -210,6 +210,8 @@ def test_collisions_can_be_told_sooner_and_never_later_without_authority(servo: 
     command = servo.bench.mailbox.memory.command
     assert command.collision_thresholds[: servo.robot.n].tolist() == asked
     assert command.collision_reaction == 1
+    status = client.status()
+    assert (list(status.collision_thresholds), status.collision_reaction) == (asked, "comply")
     with pytest.raises(QRobotError, match="threshold of joint 1: 1000 is more than unexplained_torque"):
         client.change_collision([1000.0, *asked[1:]])
     with pytest.raises(QRobotError, match="2 thresholds for 6 joints"):
@@ -217,6 +219,9 @@ def test_collisions_can_be_told_sooner_and_never_later_without_authority(servo: 
     client.change_collision()
     assert not command.collision_thresholds.any()
     assert command.collision_reaction == 0
+    status = client.status()
+    assert status.collision_thresholds == tuple(servo.robot.guard.unexplained_torque_or_default)
+    assert status.collision_reaction == "stop"
 
 
 def test_a_change_is_in_the_journal_with_the_cycle_it_came_in(servo: Bench, client: ServoClient) -> None:

@@ -22,7 +22,7 @@ export function makeDrive(root) {
   const side = el("section", { class: "side" });
   root.append(scene, side);
   const view = new View(scene);
-  scene.append(el("p", { class: "legend" }, "solid: measured · orange mesh: setpoint · green line: way of the tool · dashed: path ahead, found off line · glass: keep out · cage: stay in"));
+  scene.append(el("p", { class: "legend" }, "solid: measured · orange mesh: setpoint · green line: way of the tool · dots: path ahead, found off line · glass: keep out · cage: stay in"));
   link.view = view;
   showPathsAhead(view);
   view.onChoose = (k) => link.choose(k);

@@ -32,17 +32,17 @@ export function loadCard() {
 
   const show = () => {
     for (const each of [mass, ...centre, set, share, reaction, choose, goBack]) each.disabled = !link.driving;
-    const now = link.armStatus?.collision;
-    const name = now && REACTIONS.find(([value]) => value === now.reaction)[1];
-    setText(told, now ? `Chosen here: ${name}; told above ${now.thresholds.join(", ")} N m (N) that nobody commanded, joint by joint. A program may choose otherwise; when it ends, the robot file counts.` : "Nothing was chosen here: the robot file, or what was chosen elsewhere, counts.");
   };
   const look = async () => {
     if (!link.open || carries.offsetParent === null) return;
     try {
-      const { mass: kg } = await (await ask("load", { arm: link.chosen })).json();
-      setText(carries, kg ? `carries ${kg} kg` : "carries nothing");
+      const now = await (await ask("load", { arm: link.chosen })).json();
+      const name = REACTIONS.find(([value]) => value === now.reaction)[1];
+      setText(carries, now.mass ? `carries ${now.mass} kg` : "carries nothing");
+      setText(told, `Now: ${name}; a collision is told above ${now.thresholds.join(", ")} N m (N) that nobody commanded, joint by joint. A program may choose otherwise; when it ends, the robot file counts.`);
     } catch {
       setText(carries, "load ?");
+      setText(told, "");
     }
   };
   for (const name of ["hello", "status", "chosen"]) link.addEventListener(name, show);

@@ -1,43 +1,53 @@
-// The path that a program's tool goes, as a run that moved no arm has found it: the part ahead of the arm, dashed.
+// The path that a program's tool goes, as a run that moved no arm has found it: the part ahead of the arm, as dots.
 import { THREE } from "nicegui-scene";
 import { ask } from "./ask.js";
 import { tip } from "./kinematics.js";
 import { link } from "./link.js";
 import { readSetpoints } from "./setpoints.js";
 
-const COLOUR = 0xb35c00, DASH = 0.03, GAP = 0.02; // m
-const STEP = 2e-3; // rad or m: setpoints closer together than this are one point of the line
+const COLOUR = 0xb35c00, DOT_PX = 5, SPACING = 0.02; // m between dots
+const STEP = 2e-3; // rad or m: setpoints closer together than this are one point of the path
 const LOOK_AHEAD = 150; // points among which the arm is looked for, from where it was
 const NEAR = 0.1; // rad or m of a joint: farther off, the arm is not on its path
 
 export class PathAhead {
   constructor(facts) {
     this.facts = facts;
-    this.line = new THREE.Line(new THREE.BufferGeometry(), new THREE.LineDashedMaterial({ color: COLOUR, dashSize: DASH, gapSize: GAP }));
-    this.line.frustumCulled = false;
+    this.dots = new THREE.Points(new THREE.BufferGeometry(), new THREE.PointsMaterial({ color: COLOUR, size: DOT_PX, sizeAttenuation: false }));
+    this.dots.frustumCulled = false;
     this.forget();
   }
 
   forget() {
     this.q = [];
     this.at = 0;
-    this.line.visible = false;
+    this.places = []; // of each dot: its point of the path
+    this.dots.visible = false;
   }
 
   // How many points of it are ahead.
   get points() {
-    return this.line.visible ? this.q.length - this.at : 0;
+    return this.dots.visible ? this.q.length - this.at : 0;
   }
 
   load({ samples, joints, sample }) {
     this.forget();
     if (joints !== this.facts.joints.length) return;
     for (let k = 0; k < samples; k++) if (!this.q.length || distance(sample(k), this.q.at(-1)) > STEP || k === samples - 1) this.q.push(sample(k));
-    const points = this.q.map((q) => tip(this.facts, q));
-    this.line.geometry.dispose();
-    this.line.geometry = new THREE.BufferGeometry().setFromPoints(points);
-    this.line.computeLineDistances();
-    this.line.visible = this.q.length > 1;
+    const points = [];
+    let gone = SPACING, before = null;
+    this.q.forEach((q, k) => {
+      const point = tip(this.facts, q);
+      gone += before ? point.distanceTo(before) : 0;
+      before = point;
+      if (gone < SPACING) return;
+      gone = 0;
+      points.push(point);
+      this.places.push(k);
+    });
+    this.dots.geometry.dispose();
+    this.dots.geometry = new THREE.BufferGeometry().setFromPoints(points);
+    this.dots.visible = this.q.length > 1;
   }
 
   // Look for the setpoint on the path, never back; what lies behind it is drawn no longer.
@@ -49,7 +59,8 @@ export class PathAhead {
     }
     if (found <= this.at) return false;
     this.at = found;
-    this.line.geometry.setDrawRange(this.at, Infinity);
+    const behind = this.places.findIndex((place) => place > this.at);
+    this.dots.geometry.setDrawRange(behind < 0 ? this.places.length : behind, Infinity);
     return true;
   }
 }

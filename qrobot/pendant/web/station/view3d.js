@@ -27,7 +27,7 @@ class ArmFigure {
     this.trail.geometry.setAttribute("position", new THREE.BufferAttribute(this.points, 3));
     this.trail.frustumCulled = false;
     this.ahead = new PathAhead(facts);
-    this.root.add(this.trail, this.ahead.line);
+    this.root.add(this.trail, this.ahead.dots);
     this.label = label(facts.name);
     this.label.position.set(0, 0, 0.06 - facts.base_height);
     this.ring = ring();
