@@ -1,8 +1,9 @@
-"""Calls of a robot about what it does beside its motions: gripper, lines, analogue channels."""
+"""Calls of a robot about what it does beside its motions: gripper, lines, analogue channels, load, collisions."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from contextlib import AbstractContextManager
 from math import inf, nan
 
@@ -10,8 +11,10 @@ from qrobot.arcl.events import Grip
 from qrobot.arcl.machine import MachineSample, RobotMachine
 from qrobot.arcl.machine.digital import check_analog
 from qrobot.arrays import Floats
+from qrobot.config import Robot
 from qrobot.config.signals import NamedSignal
 from qrobot.errors import ConfigError, MotionError
+from qrobot.rci.arguments import collision_of, payload_of
 from qrobot.rci.machine_choice import machine_choice
 
 
@@ -25,6 +28,7 @@ class LineCalls(ABC):
 
     name: str
     ami: RobotMachine
+    _robot: Robot
 
     def __init__(self) -> None:
         self._analog: dict[int, float] = {}
@@ -64,6 +68,43 @@ class LineCalls(ABC):
     def analog_written(self, output: int) -> float:
         """Volts that this program has told an analogue output last; NaN before it has."""
         return self._analog.get(output, nan)
+
+    def setload(self, kg: float, centre: Sequence[float] | None = None, inertia: Sequence[float] | None = None) -> None:
+        """Tell the arm what its hand holds, and wait half a second until it reckons with that; it may be moving.
+
+        A load stays when the program ends: `setload(0)` takes it away.
+
+        Args:
+            kg: mass.
+            centre: of mass in the frame of the flange, mm; None for its origin. Shape (3,).
+            inertia: about the centre along the axes of the flange, kg m^2: xx yy zz xy xz yz; None for a point.
+
+        Raises:
+            MotionError: the arm cannot carry it, or that is no load; nothing has changed then.
+        """
+        point = (0.0,) * 6
+        with self._lock():
+            load = payload_of(
+                "setload", kg, point[:3] if centre is None else centre, point if inertia is None else inertia
+            )
+        self.ami.tell(load)
+
+    def collision(self, reaction: str = "stop", thresholds: Sequence[float] | None = None) -> None:
+        """Choose what follows a collision, and have collisions told sooner than the robot file does.
+
+        Waits some samples.
+
+        Args:
+            reaction: "stop", the arm is held where it got to, or "comply", it is soft for two seconds before.
+            thresholds: torque that nobody commanded, N m (N); None for the robot file's, which none may exceed. What
+                accelerations may hide comes on top. They count until the program lets go of the arm. Shape (n,).
+
+        Raises:
+            MotionError: no such reaction, or thresholds that the arm does not take; nothing has changed then.
+        """
+        with self._lock():
+            collision = collision_of("collision", self._robot, reaction, thresholds)
+        self.ami.tell(collision)
 
     @property
     def lines(self) -> tuple[int, int]:

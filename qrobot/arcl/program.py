@@ -227,6 +227,18 @@ def gripper(rp: ArclRobot, command: int, value: float | None = None) -> None:
     _opened("gripper", rp).gripper(command, value)
 
 
+def arcl_setload(
+    rp: ArclRobot, kg: float, centre: Sequence[float] | None = None, inertia: Sequence[float] | None = None
+) -> None:
+    """Tell the arm what its hand holds; see `ArclRobot.setload`."""
+    _opened("arcl_setload", rp).setload(kg, centre, inertia)
+
+
+def arcl_collision(rp: ArclRobot, reaction: str = "stop", thresholds: Sequence[float] | None = None) -> None:
+    """Choose what follows a collision, and when one is told; see `ArclRobot.collision`."""
+    _opened("arcl_collision", rp).collision(reaction, thresholds)
+
+
 def teach(rp: ArclRobot, function: Callable[..., object]) -> int:
     """Let a person move the arm by its teach pendant; `function(T6, rp)` at each ENTER. See `ArclRobot.teach`."""
     return _opened("teach", rp).teach(function)

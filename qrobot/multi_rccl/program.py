@@ -14,7 +14,7 @@ from qrobot.multi_rccl.manip import Manip
 from qrobot.multi_rccl.object_frame import ObjectFrame
 from qrobot.multi_rccl.positions import goal_for
 from qrobot.multi_rccl.robot_manip import RobotManip
-from qrobot.rccl.arguments import numbers, require_function
+from qrobot.rccl.arguments import require_function
 from qrobot.rccl.channel import Channel
 from qrobot.rccl.database import DataBase
 from qrobot.rccl.event import Event
@@ -24,6 +24,7 @@ from qrobot.rccl.task_group import TaskGroup
 from qrobot.rccl.teach_transform import Prompt, Say
 from qrobot.rccl.teach_transform import teach as teach_arm
 from qrobot.rccl.transforms import Transform
+from qrobot.rci.arguments import numbers
 from qrobot.rci.environment import environment
 from qrobot.rci.link import Link
 from qrobot.rci.robot_data import KnownRobot

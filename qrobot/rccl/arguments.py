@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from math import isfinite, nan
-from typing import Final, SupportsFloat
+from typing import Final
 
 import numpy as np
 
@@ -11,6 +10,7 @@ from qrobot.arrays import Floats
 from qrobot.errors import MotionError
 from qrobot.model.transform import so3_exp, transform
 from qrobot.motion import ForceLimits
+from qrobot.rci.arguments import numbers
 from qrobot.rci.link import sample_period_us as period_us
 from qrobot.units import M_PER_MM, RAD_PER_DEG, S_PER_MS
 
@@ -30,15 +30,6 @@ def sample_period_us(call: str, ms: float) -> int:
     """A sample period, microseconds. Raises MotionError when the bridge has no such period."""
     (period_ms,) = numbers(call, ms)
     return period_us(call, period_ms)
-
-
-def numbers(call: str, *values: object) -> tuple[float, ...]:
-    """The arguments of a call. Raises MotionError when one is no finite number."""
-    found = [float(value) if isinstance(value, SupportsFloat) else nan for value in values]
-    for value, number in zip(values, found, strict=True):
-        if not isfinite(number):
-            raise MotionError(f"{call}: {value!r} is not a finite number")
-    return tuple(found)
 
 
 def require_function(call: str, given: object) -> None:

@@ -6,19 +6,18 @@ import atexit
 import sys
 from collections.abc import Callable
 from contextlib import AbstractContextManager
-from typing import ClassVar, Final
+from typing import ClassVar
 from weakref import WeakKeyDictionary
 
 from qrobot.errors import LinkError, MotionError, QRobotError
 from qrobot.rccl.task import TrajectoryTask
 from qrobot.rccl.trace import Trace
 from qrobot.rci import Link
+from qrobot.rci.arm_settings import ArmSettings
 from qrobot.rci.sample_drivers import driver_for
 from qrobot.rci.sampled_task import SampleDriver
-from qrobot.wire import AnalogOutputs, Collision, Payload, Signals
+from qrobot.wire import Signals
 from qrobot.wire.codec import check_signal_names
-
-HEARD: Final = 3  # [A] samples in which an answer of the bridge comes
 
 
 class ArmSession:
@@ -35,6 +34,7 @@ class ArmSession:
 
     Attributes:
         released: the arm was let go of.
+        settings: of the arm's servo.
     """
 
     _holds: ClassVar[WeakKeyDictionary[ArmSession, None]] = WeakKeyDictionary()  # in the order they were taken
@@ -54,7 +54,9 @@ class ArmSession:
         self.released = False
         self._error_told = False
         self._signals: tuple[str, ...] = ()
-        self._collision: Collision | None = None
+        self.settings = ArmSettings(
+            name, lambda: link, self.task, self.wait, lambda: self._task.tick, lambda: self._task.how
+        )
 
     def start(self) -> None:
         """Run until the servo follows our setpoints."""
@@ -93,23 +95,6 @@ class ArmSession:
         self._driver = self._new_driver(self._driver)
         self._begin()
 
-    def set_payload(self, load: Payload) -> None:
-        """Have the servo reckon with `load`, and wait until it does.
-
-        Raises:
-            MotionError: the arm cannot carry it; nothing has changed then.
-        """
-        with self.task():
-            self._link.tell(load)
-        self.wait(lambda: bool(self._link.refusal) or self._carries(load.mass))
-        if self._link.refusal:
-            raise MotionError(f"{self._name} cannot carry that: {self._link.refusal}")
-        with self.task():
-            self._task.carry(load)
-
-    def _carries(self, mass: float) -> bool:
-        return self._task.how is not None and self._task.how.payload_mass == mass
-
     def log_signal(self, name: str, value: float) -> None:
         """Tell a number of the program's by name. Raises MotionError: no such name, or too many."""
         with self.task():
@@ -123,38 +108,11 @@ class ArmSession:
             numbers[self._signals.index(name)] = value
             self._task.chg.signals = tuple(numbers)
 
-    def set_collision(self, collision: Collision) -> None:
-        """Have the servo tell collisions so, and wait until it has heard that.
-
-        Raises:
-            MotionError: it does not take such thresholds; nothing has changed then.
-        """
-        self._have_heard(collision)
-        self._collision = collision
-
-    def set_analog(self, analog: AnalogOutputs) -> None:
-        """Have analogue outputs show other volts, and wait until the servo has heard that.
-
-        Raises:
-            MotionError: it has no such output, or that does not show so much; nothing has changed then.
-        """
-        self._have_heard(analog)
-
-    def _have_heard(self, packet: Collision | AnalogOutputs) -> None:
-        """Tell the bridge, and wait for so long that it would have refused. Raises MotionError when it has."""
-        with self.task():
-            self._link.tell(packet)
-            heard = self._task.tick + HEARD
-        self.wait(lambda: bool(self._link.refusal) or self._task.tick >= heard)
-        if self._link.refusal:
-            raise MotionError(f"{self._name}: {self._link.refusal}")
-
     def _tell_names(self) -> None:
         """Tell a bridge that was greeted anew the names of the program's signals, and what it wants of collisions."""
         if self._signals:
             self._link.tell(Signals(self._signals))
-        if self._collision is not None:
-            self._link.tell(self._collision)
+        self.settings.tell_again()
 
     def finish(self, look: Callable[[], object]) -> None:
         """Wait until all motions are done, calling `look` at each sample. Raises what `Channel.finish` raises."""

@@ -17,7 +17,7 @@ from qrobot.config import Robot
 from qrobot.errors import ConfigError, LinkError, MotionError, QRobotError
 from qrobot.motion import Equation, Exerted, PlannedPath, TransformKind, Trsf
 from qrobot.motion.kept import WayBackLimit
-from qrobot.rccl.arguments import numbers, require_function, sample_period_us
+from qrobot.rccl.arguments import require_function, sample_period_us
 from qrobot.rccl.arm_session import ArmSession, ended_well
 from qrobot.rccl.event import Event
 from qrobot.rccl.hand_and_outputs import HandAndOutputs
@@ -27,6 +27,7 @@ from qrobot.rccl.setpoints import Setpoints
 from qrobot.rccl.task import TrajectoryTask
 from qrobot.rccl.trace import Trace, add_trace
 from qrobot.rci import Chg, Link
+from qrobot.rci.arguments import numbers
 from qrobot.units import DEG_PER_RAD, M_PER_MM, MM_PER_M, NS_PER_MS, RAD_PER_DEG, S_PER_MS
 from qrobot.wire import RobotState
 

@@ -7,17 +7,15 @@ from math import isnan
 from typing import Final
 
 from qrobot.config import Robot
-from qrobot.config.collision import threshold_objection
 from qrobot.errors import MotionError
-from qrobot.rccl.arguments import numbers
 from qrobot.rccl.arm_session import ArmSession
 from qrobot.rccl.task import TrajectoryTask
+from qrobot.rci.arguments import collision_of, numbers, payload_of
 from qrobot.units import M_PER_MM
-from qrobot.wire import Collision, CollisionReaction, Payload
 from qrobot.wire.packets import analog_output
 from qrobot.wire.vocabulary import N_ANALOG_OUTPUTS, Hand
 
-REACTIONS: Final = ("stop", "comply", "retract")
+RETRACT: Final = "retract"
 MOST_BACK_MM: Final = 300.0  # [A] after a collision
 
 
@@ -62,7 +60,7 @@ class HandAndOutputs:
         if isinstance(output, bool) or output not in range(1, N_ANALOG_OUTPUTS + 1):
             raise MotionError(f"analog({output!r}): analogue outputs are 1 to {N_ANALOG_OUTPUTS}")
         (asked,) = numbers("analog", volts)
-        self._session.set_analog(analog_output(output, asked))
+        self._session.settings.tell(analog_output(output, asked))
 
     def log_signal(self, name: str, value: float) -> None:
         """Tell a number of this program's own, which goes into the arm's log in each cycle from the next sample on.
@@ -90,11 +88,10 @@ class HandAndOutputs:
         Raises:
             MotionError: the arm cannot carry it, or that is no load; nothing has changed then.
         """
-        mass, *at = numbers("setload", kg, *centre)
-        moments = numbers("setload", *inertia)
-        if len(at) != 3 or len(moments) != 6:
-            raise MotionError("setload: a centre has 3 numbers, mm, and an inertia 6, kg m^2: xx yy zz xy xz yz")
-        self._session.set_payload(Payload(mass, tuple(M_PER_MM * x for x in at), tuple(moments)))
+        load = payload_of("setload", kg, centre, inertia)
+        self._session.settings.tell(load)
+        with self._session.task():
+            self._task.carry(load)
 
     def collision(self, reaction: str = "stop", thresholds: Sequence[float] | None = None, mm: float = 20.0) -> None:
         """Choose what follows a collision, and have collisions told sooner than the robot file does.
@@ -112,15 +109,9 @@ class HandAndOutputs:
         Raises:
             MotionError: no such reaction or distance, or thresholds that the arm does not take; nothing has changed.
         """
-        if reaction not in REACTIONS:
-            raise MotionError(f"collision: {reaction!r} is none of {', '.join(REACTIONS)}")
-        back_m = retract_m("collision", mm) if reaction == "retract" else 0.0
-        asked = numbers("collision", *([0.0] * self.robot.n if thresholds is None else thresholds))
-        objection = "" if thresholds is None or all(asked) else "a threshold is a torque above 0"
-        if objection := objection or threshold_objection(self.robot, asked):
-            raise MotionError(f"collision: {objection}")
-        number = CollisionReaction.COMPLY if reaction == "comply" else CollisionReaction.STOP
-        self._session.set_collision(Collision(tuple(asked), number))
+        back_m = retract_m("collision", mm) if reaction == RETRACT else 0.0
+        after = "stop" if reaction == RETRACT else reaction
+        self._session.settings.tell(collision_of("collision", self.robot, after, thresholds, RETRACT))
         self._task.retract_m = back_m
 
     def retract(self, mm: float) -> None:

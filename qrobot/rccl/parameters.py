@@ -36,11 +36,11 @@ from qrobot.rccl.arguments import (
     force_limits,
     milliseconds,
     named_values,
-    numbers,
     require_function,
     small_move,
 )
 from qrobot.rccl.position import Position
+from qrobot.rci.arguments import numbers
 from qrobot.units import M_PER_MM, RAD_PER_DEG
 
 DEFAULT_SPEED: Final = SpeedShare(0.3)

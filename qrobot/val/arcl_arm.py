@@ -178,6 +178,14 @@ class ArclArm:
         """See `ValArm`."""
         self._rp.write_analog(output, volts)
 
+    def payload(self, kg: float, centre_mm: tuple[float, ...]) -> None:
+        """See `ValArm`."""
+        self._rp.setload(kg, centre_mm)
+
+    def collision(self, reaction: str, thresholds: Floats | None) -> None:
+        """See `ValArm`."""
+        self._rp.collision(reaction, None if thresholds is None else thresholds.tolist())
+
     def sample(self) -> None:
         """See `ValArm`."""
         before = self._rp.ami.sample

@@ -107,5 +107,17 @@ class ValArm(Protocol):
     def analog(self, output: int, volts: float) -> None:
         """Let an analogue output, from 1, show `volts`. Raises MotionError: there is none, or it does not show that."""
 
+    def payload(self, kg: float, centre_mm: tuple[float, ...]) -> None:
+        """Tell the arm what it carries, and where in the flange's frame; half a second passes.
+
+        Raises MotionError: it cannot, and nothing has changed.
+        """
+
+    def collision(self, reaction: str, thresholds: Floats | None) -> None:
+        """Choose what follows a collision, "stop" or "comply", and when one is told; some samples pass.
+
+        Thresholds are torques, N m (N), shape (n,), None for those of the robot file. Raises MotionError: no such.
+        """
+
     def sample(self) -> None:
         """Let one sample pass. Raises QRobotError when the arm is lost."""

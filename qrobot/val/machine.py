@@ -20,6 +20,7 @@ from qrobot.val.workspace import Workspace
 
 DEFAULT_MONITOR_SPEED: Final = 50.0  # percent; V+'s, recalled
 DEFAULT_HAND_TIME_S: Final = 0.5  # [A]
+FILES_OWN: Final = 100.0  # percent of the thresholds of a collision in the robot file
 MOST_TIMERS: Final = 15
 STRAIGHT_SHARE: Final = 0.9  # of the joints' limits at 100 %, for a straight line needs more where it is joined [A]
 ROUNDED: Final = 0.99  # of a speed that is told to three digits, lest it be rounded up
@@ -50,6 +51,7 @@ class Machine:
         self.values: dict[CellKey, ValValue] = {}
         self.switches = {switch: switch in ("CP", "MESSAGES") for switch in SWITCHES}
         self.hand_time_s = DEFAULT_HAND_TIME_S
+        self.collision_percent = FILES_OWN
         self.hand_at_next: bool | None = None
         self._internal: set[int] = set()
         self._timers: dict[int, float] = {}
@@ -130,6 +132,15 @@ class Machine:
         if output not in ANALOG_OUTPUTS:
             raise ProgramError(no_analog_output(output))
         self.arm.analog(output, volts)
+
+    def tell_collisions(self, percent: float, comply: bool) -> None:
+        """Have the arm tell collisions at a share of the robot file's thresholds, and give way after one, or not.
+
+        Raises MotionError: it does not; nothing has changed then.
+        """
+        thresholds = None if percent == FILES_OWN else percent / 100.0 * self.robot.guard.unexplained_torque_or_default
+        self.arm.collision("comply" if comply else "stop", thresholds)
+        self.collision_percent, self.switches["COMPLY"] = percent, comply
 
     def reset_signals(self) -> None:
         """Switch all outputs off."""

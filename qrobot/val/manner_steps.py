@@ -8,12 +8,14 @@ from typing import TYPE_CHECKING, Final
 from qrobot.errors import ProgramError
 from qrobot.val import tree
 from qrobot.val.evaluate import number_of
+from qrobot.val.machine import FILES_OWN
 from qrobot.val.task import ValTask, Waits
 
 if TYPE_CHECKING:
     from qrobot.val.interpreter import Interpreter
 
 _CONFIGURATIONS: Final = {"RIGHTY": "r", "LEFTY": "l", "ABOVE": "u", "BELOW": "d", "FLIP": "f", "NOFLIP": "n"}
+LEAST_COLLISION: Final = 1.0  # percent [A]
 _PAIRS: Final = {"r": "l", "l": "r", "u": "d", "d": "u", "f": "n", "n": "f"}
 
 
@@ -47,18 +49,32 @@ def checked_speed(value: float) -> float:
 
 
 def _parameter(run: Interpreter, task: ValTask, action: tree.ParameterSetting) -> None:
-    seconds = number_of(action.value, task)
-    if not 0.0 <= seconds <= 60.0:
-        raise ProgramError(f"HAND.TIME is 0 to 60 s, not {seconds:g}")
-    run.machine.hand_time_s = seconds
+    value = number_of(action.value, task)
+    if action.name == "COLLISION":
+        if not LEAST_COLLISION <= value <= FILES_OWN:
+            raise ProgramError(f"COLLISION is {LEAST_COLLISION:g} to {FILES_OWN:g} per cent, not {value:g}")
+        run.machine.tell_collisions(value, run.machine.switches["COMPLY"])
+        return
+    if not 0.0 <= value <= 60.0:
+        raise ProgramError(f"HAND.TIME is 0 to 60 s, not {value:g}")
+    run.machine.hand_time_s = value
 
 
 def _switch(run: Interpreter, _task: ValTask, action: tree.SwitchSetting) -> None:
+    if "COMPLY" in action.switches:
+        run.machine.tell_collisions(run.machine.collision_percent, action.on)
     run.machine.switches |= dict.fromkeys(action.switches, action.on)
+
+
+def _payload(run: Interpreter, task: ValTask, kg: tree.Expression, *centre: tree.Expression | None) -> None:
+    """PAYLOAD: mass, and its centre in the frame of the flange, mm."""
+    at = [0.0 if number is None else number_of(number, task) for number in centre]
+    run.machine.arm.payload(number_of(kg, task), (*at, *[0.0] * (3 - len(at))))
 
 
 WORDS: Final[dict[str, Callable[..., Waits | None]]] = {
     **{word: _configure(word) for word in _CONFIGURATIONS},
+    "PAYLOAD": _payload,
     **dict.fromkeys(("COARSE", "FINE", "NULL", "NONULL"), _no_effect),
 }
 ACTIONS: Final[dict[type, Callable[..., Waits | None]]] = {

@@ -156,6 +156,14 @@ class RcclArm:
         """See `ValArm`."""
         self._channel.analog(output, volts)
 
+    def payload(self, kg: float, centre_mm: tuple[float, ...]) -> None:
+        """See `ValArm`."""
+        self._channel.setload(kg, centre_mm)
+
+    def collision(self, reaction: str, thresholds: Floats | None) -> None:
+        """See `ValArm`."""
+        self._channel.collision(reaction, None if thresholds is None else thresholds.tolist())
+
     def sample(self) -> None:
         """See `ValArm`."""
         before = self._channel.how.t_ns

@@ -33,6 +33,7 @@ INSTRUCTIONS: Final[dict[str, tuple[str, ...]]] = {
     "LOCK": ("number",),
     "RESET": (),
     "RUNSIG": ("number?",),
+    "PAYLOAD": ("number", "number?", "number?", "number?"),
     "RETURN": (),
     "PAUSE": (),
     "STOP": (),
@@ -163,8 +164,8 @@ LOCATION_VALUES: Final = frozenset({"here", "dest", "null", "tool", "base"})
 NUMBER_VALUES: Final[dict[str, float]] = {"true": -1.0, "false": 0.0, "on": -1.0, "off": 0.0, "pi": 3.141592653589793}
 UNSUPPORTED_FUNCTIONS: Final = frozenset({"STATE", "ERROR", "ADC", "LEN", "ASC", "VAL", "TASK", "STATUS", "LAST"})
 
-SWITCHES: Final = ("CP", "DRY.RUN", "TRACE", "MESSAGES")
-PARAMETERS: Final = ("HAND.TIME",)
+SWITCHES: Final = ("CP", "DRY.RUN", "TRACE", "MESSAGES", "COMPLY")
+PARAMETERS: Final = ("HAND.TIME", "COLLISION")
 
 OUTPUTS: Final = range(1, 17)
 INPUTS: Final = range(1001, 1033)

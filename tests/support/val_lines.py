@@ -43,6 +43,7 @@ LINES = (
     "DECOMPOSE x[] = a",
     "TIMER 1 = 0",
     "PARAMETER HAND.TIME = 0.2",
+    "PAYLOAD 1.5, 0, , 40",
     "ENABLE CP, DRY.RUN",
     "DISABLE MESSAGES",
     "SIGNAL 1, -2, 2001",

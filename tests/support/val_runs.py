@@ -37,7 +37,10 @@ def ideal_arm(library: str = "rccl") -> Iterator[ValArm]:
         with open_channel(OfflineLink, "puma560") as channel:
             yield RcclArm(channel)
     else:
-        with use_machine(MachineChoice("offline")), arcl_arm(load_robot("puma560"), 28.0) as arm:
+        with (
+            use_machine(MachineChoice("offline", analog_ranges={1: (0.0, 10.0)})),
+            arcl_arm(load_robot("puma560"), 28.0) as arm,
+        ):
             yield arm
 
 

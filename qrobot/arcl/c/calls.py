@@ -218,17 +218,23 @@ def _treal(_: ObjectTable, __: int, given: CallValues) -> CallMessage:
     return _numbers([arcl.ami_treal(*given)])
 
 
+NULL_FROM: Final = {"arcl_errproc": 0, "arcl_setload": 2, "arcl_collision": 2}
+"""Calls that take null pointers, from that argument on."""
+
+
 def check_values(call: str, given: CallValues) -> None:
     """Raise MotionError: there are too few or too many, or one is a null pointer where there must be none."""
     if call in LISTS:
         least, most = LISTS[call]
         if not least <= len(given) <= most:
             raise MotionError(f"{call}: {len(given)} values; from {least} to {most:g} are possible")
-    elif call != "arcl_errproc" and any(value is None for value in given):
+    elif any(value is None for value in given[: NULL_FROM.get(call)]):
         raise MotionError(f"{call}: a null pointer was given")
 
 
-WAITING: Final = frozenset({"arcl_open", "arcl_close", "arcl_wait", "sem_pend", "teach"})
+WAITING: Final = frozenset(
+    {"arcl_open", "arcl_close", "arcl_wait", "arcl_setload", "arcl_collision", "sem_pend", "teach"}
+)
 """Calls that let samples pass, or take or release an arm: no function that is called at a sample may ask them."""
 LISTS: Final = {
     "arcl_open": (0, inf),
@@ -250,6 +256,8 @@ CALLS: Final[dict[str, CHandler]] = {
     "arcl_override": _plain(arcl.arcl_override),
     "arcl_keep_path": _plain(arcl.arcl_keep_path),
     "arcl_kept": _kept,
+    "arcl_setload": _plain(arcl.arcl_setload),
+    "arcl_collision": _plain(arcl.arcl_collision),
     "arcl_pause": _plain(arcl.arcl_pause),
     "arcl_resume": _plain(arcl.arcl_resume),
     "arcl_wait": _plain(arcl.arcl_wait),

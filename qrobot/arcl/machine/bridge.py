@@ -22,6 +22,7 @@ from qrobot.arcl.stream import RecordKind, StreamWriter
 from qrobot.arrays import Floats
 from qrobot.errors import LinkError, MotionError, ServoFault
 from qrobot.motion import MotionLimits
+from qrobot.rci.arm_settings import ArmSettings
 from qrobot.rci.descriptor import HOST, NO_BIT, TaskDescriptor, local_area
 from qrobot.rci.environment import environment
 from qrobot.rci.link import Link, LinkFactory, check_welcome, hello_for, sample_period_us
@@ -31,7 +32,7 @@ from qrobot.rci.sample_drivers import driver_for
 from qrobot.rci.sampled_task import SampleDriver
 from qrobot.realtime.interpreter import prepare_interpreter
 from qrobot.units import NS_PER_MS
-from qrobot.wire import Command, RobotState, State, Welcome
+from qrobot.wire import Collision, Command, Payload, RobotState, State, Welcome
 from qrobot.wire.packets import analog_output
 from qrobot.wire.vocabulary import Hand
 
@@ -69,6 +70,10 @@ class BridgeMachine:
         self._left_out = 0
         self._analog_told = False
         self._keeper: PathKeeper | None = None
+        name = settings.robot.name
+        self._arm_settings = ArmSettings(
+            name, lambda: self._link, self.lock, self.wait, lambda: self._robot.samples, lambda: self.td.heard
+        )
 
     def open(self) -> Floats:
         """See `RobotMachine.open`. Raises LinkError, ServoFault, MotionError: the arm cannot be taken."""
@@ -102,8 +107,9 @@ class BridgeMachine:
         before, self._driver = self._driver, None
         try:
             self._take(self._link.open())
-            self._driver = driver_for(self._link, self, "arcl-trajectory", before=before)
+            self._driver = driver_for(self._link, self, "arcl-trajectory", self._arm_settings.tell_again, before=before)
             self._driver.start()
+            self._arm_settings.tell_again()
             self.wait(lambda: self._robot.phase is CyclePhase.FOLLOWING)
         except BaseException as error:
             self._link.close(str(error))
@@ -171,6 +177,10 @@ class BridgeMachine:
         self._link.tell(analog_output(output, volts))
         self._analog_told = True
         self._write(RecordKind.ANALOG, np.array([output, volts]))
+
+    def tell(self, setting: Payload | Collision) -> None:
+        """See `RobotMachine.tell`."""
+        self._arm_settings.tell(setting)
 
     def close(self, power_off: bool) -> None:
         """See `RobotMachine.close`."""

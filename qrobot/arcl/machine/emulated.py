@@ -25,6 +25,7 @@ from qrobot.motion import MotionLimits
 from qrobot.rci.link import LinkFactory
 from qrobot.rci.robot_samples import RobotSamples
 from qrobot.units import MM_PER_M
+from qrobot.wire import Collision, Payload
 
 START_POSE: Final = "park"
 _LONGEST_MS: Final = 100.0
@@ -129,6 +130,9 @@ class EmulatedMachine:
     def write_analog(self, output: int, volts: float) -> None:
         """See `RobotMachine.write_analog`."""
         self._write(RecordKind.ANALOG, [output, volts])
+
+    def tell(self, setting: Payload | Collision) -> None:
+        """See `RobotMachine.tell`: nothing is there that would weigh on this arm, or stand in its way."""
 
     def keep_path(self, keeper: PathKeeper) -> None:  # noqa: ARG002 (there is nobody who would give the arm back)
         """See `RobotMachine.keep_path`. Raises MotionError, always."""

@@ -21,6 +21,7 @@ from qrobot.config import Robot
 from qrobot.errors import LinkError, ServoFault
 from qrobot.motion import MotionLimits
 from qrobot.rci.link import LinkFactory
+from qrobot.wire import Collision, Payload
 from qrobot.wire.vocabulary import N_SENSORS
 
 
@@ -155,6 +156,12 @@ class RobotMachine(Protocol):
         """Let an analogue output, from 1, show `volts`, which are within its range.
 
         Raises MotionError: what was asked for before was refused; this one is not asked for then.
+        """
+
+    def tell(self, setting: Payload | Collision) -> None:
+        """Tell the robot its load, or how it tells collisions, and wait until it has heard.
+
+        Raises MotionError: it is refused; nothing has changed then.
         """
 
     def keep_path(self, keeper: PathKeeper) -> None:

@@ -221,6 +221,11 @@ class RemoteTask:
         """See `TrajectoryTask.kept`, in words."""
         return self.seen.kept or None
 
+    @property
+    def off_path(self) -> bool:
+        """See `TrajectoryTask.off_path`."""
+        return self.seen.off_path
+
     # ----------------------------------------------------------------------------------------------------------- orders
 
     def push(self, order: MoveOrder) -> None:

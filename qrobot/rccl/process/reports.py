@@ -34,6 +34,7 @@ class Seen:
     eventful: bool
     completed: int
     kept: str
+    off_path: bool
     exerted: Exerted | None
     refusal: str
     hand: int

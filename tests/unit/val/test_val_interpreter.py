@@ -52,6 +52,7 @@ TYPED = {
     "08_sort": ["1 2 1"],
     "09_weave": ["woven 120 mm"],
     "10_recover": ["that place is out of reach", "the program goes on", "home"],
+    "11_vacuum": ["the plate lies on the tray"],
 }
 
 

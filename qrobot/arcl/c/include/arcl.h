@@ -216,6 +216,8 @@ void arcl_keep_path(ROBOT *rp, int keep, double way_back_mm, double way_back_deg
 char *arcl_kept(ROBOT *rp); /* why the arm stands off its path, "" on it; good until the next call */
 void arcl_pause(ROBOT *rp);       /* motions stand still on their path, or on the way back to it */
 void arcl_resume(ROBOT *rp);      /* they go on, and an arm off its path may be led back */
+void arcl_setload(ROBOT *rp, double kg, const Vector *centre, const double *inertia); /* mm and kg m2 (xx yy zz xy xz yz), or null pointers */
+void arcl_collision(ROBOT *rp, const char *reaction, int joints, const double *thresholds); /* "stop" or "comply"; N m of each joint, or 0 and a null pointer */
 int arcl_errproc(int (*function)(Event, ROBOT *, const char *)); /* a null pointer: ARCL decides again */
 Trans *where(ROBOT *rp);
 

@@ -98,6 +98,19 @@ API void arcl_resume(ROBOT *rp)
     arcl_call("arcl_resume", NULL, LIST(arcl_object(rp)));
 }
 
+API void arcl_setload(ROBOT *rp, double kg, const Vector *centre, const double *inertia)
+{
+    arcl_call("arcl_setload", NULL,
+              LIST(arcl_object(rp), arcl_real(kg), arcl_vector_value(centre), arcl_numbers(SIX, inertia)));
+}
+
+API void arcl_collision(ROBOT *rp, const char *reaction, int joints, const double *thresholds)
+{
+    arcl_call("arcl_collision", NULL,
+              LIST(arcl_object(rp), arcl_text(reaction),
+                   thresholds ? arcl_joints_value(joints, thresholds) : arcl_nothing(NULL)));
+}
+
 API int arcl_errproc(int (*function)(Event, ROBOT *, const char *))
 {
     arcl_call("arcl_errproc", NULL, LIST(arcl_answering((int (*)()) function)));

@@ -1,0 +1,53 @@
+"""Arguments that the calls of several programming libraries have, each refused with the name of its call."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import isfinite, nan
+from typing import SupportsFloat
+
+from qrobot.config import Robot
+from qrobot.config.collision import threshold_objection
+from qrobot.errors import MotionError
+from qrobot.units import M_PER_MM
+from qrobot.wire import Collision, CollisionReaction, Payload
+
+
+def numbers(call: str, *values: object) -> tuple[float, ...]:
+    """The arguments of a call. Raises MotionError when one is no finite number."""
+    found = [float(value) if isinstance(value, SupportsFloat) else nan for value in values]
+    for value, number in zip(values, found, strict=True):
+        if not isfinite(number):
+            raise MotionError(f"{call}: {value!r} is not a finite number")
+    return tuple(found)
+
+
+def payload_of(call: str, kg: float, centre: Sequence[float], inertia: Sequence[float]) -> Payload:
+    """A load: mass, and in the frame of the flange centre of mass, mm, shape (3,), and inertia, kg m^2, shape (6,).
+
+    Raises:
+        MotionError: no such numbers, or not so many. Whether an arm can carry it, its servo knows.
+    """
+    mass, *at = numbers(call, kg, *centre)
+    moments = numbers(call, *inertia)
+    if len(at) != 3 or len(moments) != 6:
+        raise MotionError(f"{call}: a centre has 3 numbers, mm, and an inertia 6, kg m^2: xx yy zz xy xz yz")
+    return Payload(mass, tuple(M_PER_MM * x for x in at), tuple(moments))
+
+
+def collision_of(call: str, robot: Robot, reaction: str, thresholds: Sequence[float] | None, *others: str) -> Collision:
+    """The reaction of `robot` to a collision, and torques by which one is told, N m (N), shape (n,); None: its file's.
+
+    `others` are reactions that the call has besides.
+
+    Raises:
+        MotionError: there is no such reaction, or the arm does not take such thresholds.
+    """
+    reactions = {each.name.lower(): each for each in CollisionReaction}
+    if reaction not in reactions:
+        raise MotionError(f"{call}: {reaction!r} is none of {', '.join([*reactions, *others])}")
+    asked = numbers(call, *([0.0] * robot.n if thresholds is None else thresholds))
+    objection = "" if thresholds is None or all(asked) else "a threshold is a torque above 0"
+    if objection := objection or threshold_objection(robot, asked):
+        raise MotionError(f"{call}: {objection}")
+    return Collision(asked, reactions[reaction])
