@@ -1,4 +1,4 @@
-"""The pictures of the how-tos on two arms and on tasks of RCI: hands that carry one object, a mirror, a spring.
+"""The pictures of the how-tos on two arms and on tasks of RCI: hands that carry one object, mirrors, a spring.
 
 Made by `python docs/two_arms_pictures.py`, in lock-step.
 """
@@ -6,7 +6,9 @@ Made by `python docs/two_arms_pictures.py`, in lock-step.
 from __future__ import annotations
 
 import runpy
+from contextlib import redirect_stdout
 from functools import partial
+from io import StringIO
 from pathlib import Path
 from typing import Any, Final
 
@@ -20,6 +22,7 @@ from qrobot.log.plot import COLOURS, STYLE
 from qrobot.model.arm import Arm
 from qrobot.model.transform import inverse
 from qrobot.rccl import gentr_rpy, gentr_trsl
+from qrobot.rccl.offline import OfflineLink
 from qrobot.rccl.program import ending
 from qrobot.rig.lockstep import LockstepRig, link_factory
 from qrobot.servo.settings import ServoSettings
@@ -86,9 +89,44 @@ def tasks_picture(mirror: dict[str, Rows], spring: Rows) -> Figure:
     return figure
 
 
+def table_of(example: str) -> list[tuple[int, str]]:
+    """Instants (ticks) and tasks of the table that an example prints off line."""
+    printed = StringIO()
+    with redirect_stdout(printed), rci.use(OfflineLink), ending():
+        runpy.run_path(str(DOCS.parent / "examples" / example), run_name="__main__")
+    rows = [line.split() for line in printed.getvalue().splitlines()]
+    return [(int(row[0]), row[1]) for row in rows if len(row) == 3 and row[0].isdecimal()]
+
+
+def examples_picture(places: Rows, table: list[tuple[int, str]], mirror: dict[str, Rows]) -> Figure:
+    """Way of a tool over a table that turns; runs of two tasks on one clock; the mirror at 4 ms."""
+    with mpl.rc_context(STYLE):
+        figure = Figure(figsize=(9.6, 3.4), layout="constrained")
+        way, clock, waists = figure.subplots(1, 3)
+        arm, tool = Arm(ROBOT), gentr_trsl("TOOL", 0, 0, 100).value
+        x, y, z = 1e3 * np.array([(arm.forward(q) @ tool)[:3, 3] for q in places["q"][::10]]).T
+        low = z < z.min() + 20.0  # the way to the table is left out
+        way.plot(x[low], y[low], color=COLOURS[0], linewidth=1.2)
+        way.set(xlabel="x (mm)", ylabel="y (mm)", title="Over a table that turns", aspect="equal")
+        for number, name in enumerate(dict.fromkeys(name for _, name in table)):
+            ticks = [tick for tick, task in table if task == name]
+            clock.eventplot(ticks, lineoffsets=-number, linelengths=0.6, linewidths=3, colors=COLOURS[number])
+            clock.text(ticks[0], -number + 0.36, name)
+        clock.set(xlabel="tick of the clock", yticks=[], title="Two tasks of one clock")
+        for number, (name, rows) in enumerate(mirror.items()):
+            seconds = np.arange(len(rows)) * 1e-3
+            waists.plot(seconds, np.degrees(rows["q"][:, 0]), color=COLOURS[number], label=name)
+        waists.set(xlabel="time (s)", ylabel="waist (degrees)", title="A mirror at 4 ms, compiled")
+        waists.legend(frameon=False)
+    return figure
+
+
 if __name__ == "__main__":
     hands, names = run_of("22_two_hands.py", "left", "right")
     hands_picture(hands, names["apart"]).savefig(IMAGES / "two_hands.png", dpi=DPI)
     mirrored, _ = run_of("16_mirror.py", "left", "right")
     sprung, _ = run_of("17_spring.py", "puma560")
     tasks_picture(mirrored, sprung["puma560"]).savefig(IMAGES / "rci_tasks.png", dpi=DPI)
+    four, _ = run_of("18_four_places.py", "puma560")
+    fast, _ = run_of("27_compiled_mirror.py", "left", "right")
+    examples_picture(four["puma560"], table_of("15_rci_tasks.py"), fast).savefig(IMAGES / "rci_examples.png", dpi=DPI)
