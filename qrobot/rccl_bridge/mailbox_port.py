@@ -34,6 +34,14 @@ def warm_up() -> None:
     port.write_setpoint(SetpointFrame(0, 0, 0, 0, (0,), (0.0,), False, False, False, 0, 0))
 
 
+def shows_life(memory: ServoMemory, silence_ns: int) -> bool:
+    """Whether a servo runs whose last cycle was so long ago.
+
+    One that its guardian has taken the board from, for silence, has to show sooner that it runs again.
+    """
+    return abs(silence_ns) < (STALLED_NS if memory.guardian.takeover else STALE_NS)
+
+
 class MailboxPort:
     """`RobotPort` over servo memory in this process: lock-step and tests, where the servo is always there.
 
@@ -137,15 +145,12 @@ class ServoPort:
         self._power_locked = False  # a servo that has just started is not powered by a request made to the one before
 
     def alive(self) -> bool:
-        """The servo runs and its state is fresh. One that its guardian has taken the board from, for silence, has to
-        show that it runs again.
-        """
+        """The servo runs and its state is fresh."""
         try:
             memory = self._follow().memory
         except LinkError:
             return False
-        bound_ns = STALLED_NS if memory.guardian.takeover else STALE_NS
-        return bool(memory.info.ready) and abs(self._silence_ns(memory)) < bound_ns
+        return bool(memory.info.ready) and shows_life(memory, self._silence_ns(memory))
 
     def slipped_ns(self) -> int:
         """Delay of the arm's time behind CLOCK_MONOTONIC, as the servo said last; 0 before one was there."""

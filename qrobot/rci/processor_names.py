@@ -11,11 +11,14 @@ from __future__ import annotations
 
 import os
 import re
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Final
 
 from qrobot.errors import ConfigError, LinkBusy
 from qrobot.rci.descriptor import HOST
+from qrobot.rci.thread_driver import PRIORITY
+from qrobot.realtime.setup import set_fifo
 from qrobot.realtime.shared_memory import HEADER_WORDS, SharedMemory, segment_path
 
 _LAYOUT = 1
@@ -40,18 +43,28 @@ class ProcessorInfo:
 
 
 def processors() -> list[ProcessorInfo]:
-    """Processors of this machine: the host, each of its processors, and one more process that is bound to none."""
-    allowed = sorted(os.sched_getaffinity(0))
+    """Processors of this machine: the host, each of its processors, and one more process that is bound to none.
+
+    Where their threads do not get the real-time scheduler that they ask for, the descriptions say so.
+    """
+    allowed, but = sorted(os.sched_getaffinity(0)), _scheduler_remark()
     return [
-        ProcessorInfo(HOST, "a thread of the program"),
-        *(_cpu_info(cpu) for cpu in allowed),
-        ProcessorInfo("aux", "a process of its own, as aux1, aux2 ... too"),
-        ProcessorInfo(COMPILED, "a thread for one task of compiled functions, as compiled1, compiled2 ... too"),
+        ProcessorInfo(HOST, f"a thread of the program{but}"),
+        *(_cpu_info(cpu, but) for cpu in allowed),
+        ProcessorInfo("aux", f"a process of its own, as aux1, aux2 ... too{but}"),
+        ProcessorInfo(COMPILED, f"a thread for one task of compiled functions, as compiled1, compiled2 ... too{but}"),
     ]
 
 
-def _cpu_info(cpu: int) -> ProcessorInfo:
-    name, what = f"cpu{cpu}", f"a process of its own on processor {cpu}"
+def _scheduler_remark() -> str:
+    """Remark about a scheduler that is refused, else empty. A thread asks for it, so that the caller stays as it is."""
+    with ThreadPoolExecutor(1) as pool:
+        step = pool.submit(set_fifo, PRIORITY).result()
+    return "" if step.ok else f" ({step.detail})"
+
+
+def _cpu_info(cpu: int, but: str) -> ProcessorInfo:
+    name, what = f"cpu{cpu}", f"a process of its own on processor {cpu}{but}"
     try:
         claim_processor(name).close(unlink=True)
     except LinkBusy as error:

@@ -37,7 +37,7 @@ from qrobot.servo.settings import ServoSettings
 from qrobot.servo.state import ServoState, make_state
 from qrobot.sim_board.emulator import Emulator, EmulatorBundle, emulator_run
 from qrobot.units import NS_PER_S
-from qrobot.wire import Hello
+from qrobot.wire import Hello, RobotState
 
 START_NS: Final = NS_PER_S  # virtual time does not begin at zero: nothing may take 0 for "never"
 RING_ROWS: Final = 1 << 12
@@ -229,7 +229,11 @@ class LockstepBridge:
         rig, session = self._rig, self._session
         self._pass(max(0, -(-(session.due_ns - rig.now_ns) // rig.period_ns)))
         rig.realtime_factor = (rig.now_ns - self._began_ns) * 1e-9 / (time.perf_counter() - self._began_s)
-        return carry_out(session.tick(rig.now_ns, self._port.read_state()), self._port).data
+        return carry_out(session.tick(rig.now_ns, self._sample()), self._port).data
+
+    def _sample(self) -> RobotState | None:
+        """Newest sample of the robot; None while the servo is away."""
+        return self._port.read_state()
 
 
 def link_factory(rig: LockstepRig, period_us: int, hello: Hello) -> VirtualLink:

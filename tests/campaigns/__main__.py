@@ -6,6 +6,7 @@
     stops       300 stops at random instants, in each form of interpolation
     calibration 200 calibrations from random poses
     deaths      a servo that dies after any of its stores, by every cause and over every way to the board
+    two_arms    400 deaths of a program, bridge, servo or board of two arms that carry one object
     val_storms  400 storms of commands and disturbances at VAL II's monitor, by RCCL and by ARCL
     val_lines   100,000 spoilt lines of VAL II: each is read, or refused with line and column
 
@@ -18,10 +19,11 @@ import argparse
 import sys
 
 from qrobot.servo.kernels.interpolation_polynomials import FORMS
-from tests.campaigns import calibration, deaths, encoders, held_up, quiet, stops, val_lines, val_storms
+from tests.campaigns import calibration, deaths, encoders, held_up, quiet, stops, two_arms, val_lines, val_storms
 
 HOUR_S = 3600.0
 STOPS = 300
+DEATHS = 100  # of each kind
 HELD_UP_DRAWS = 40  # of the mismatched plant, each with all lengths
 SPOILT_LINES = 100_000
 STORMS = 200  # with each library
@@ -30,7 +32,7 @@ STORMS = 200  # with each library
 def main() -> int:
     """Run the campaign that the command line names; returns the exit status."""
     parser = argparse.ArgumentParser(prog="python -m tests.campaigns", description=__doc__.split("\n\n", 1)[0])
-    others = ["quiet", "held_up", "encoders", "stops", "calibration", "deaths"]
+    others = ["quiet", "held_up", "encoders", "stops", "calibration", "deaths", "two_arms"]
     parser.add_argument("name", choices=[*others, "val_lines", "val_storms"])
     name = parser.parse_args().name
     if name == "quiet":
@@ -43,6 +45,8 @@ def main() -> int:
         wrong = calibration.campaign()
     elif name == "deaths":
         wrong = deaths.campaign()
+    elif name == "two_arms":
+        wrong = two_arms.campaign(DEATHS)
     elif name == "val_lines":
         wrong = val_lines.campaign(SPOILT_LINES)
     elif name == "val_storms":
