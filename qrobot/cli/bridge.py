@@ -32,13 +32,13 @@ def bridge(deployment: str = DEFAULT_DEPLOYMENT, *, arm: str | None = None, port
     port
         TCP port, overriding the file.
     """
+    from qrobot.model.payload_judge import PayloadJudge
     from qrobot.rccl_bridge.mailbox_port import ServoPort, warm_up
     from qrobot.rccl_bridge.server import run_bridge
     from qrobot.rccl_bridge.settings import BridgeSettings
     from qrobot.realtime.setup import freeze_garbage, leave_fifo, set_fifo
     from qrobot.realtime.startup_order import await_turn
     from qrobot.servo.memory.commander_lock import Authority
-    from qrobot.servo.payload import PayloadJudge
 
     chosen = choose_arm(deployment, arm)
     robot, choice = robot_of_arm(chosen), chosen.bridge

@@ -18,6 +18,7 @@ from qrobot.config import Robot, load_robot
 from qrobot.config.outputs import ALL_OUTPUTS
 from qrobot.errors import LinkError, MotionError
 from qrobot.model.dynamics import dynamics_params, dynamics_work, inverse_dynamics, with_payload
+from qrobot.model.payload_judge import PayloadJudge
 from qrobot.motion.force.external_torque import DriveFriction
 from qrobot.motion.path.setpoint_history import DEPTH, motion_of
 from qrobot.rci.client import Beside
@@ -77,7 +78,7 @@ class OfflineLink:
     ) -> None:
         self._robot = robot or load_robot(hello.robot)
         self._period_us = hello.period_us or period_us
-        self._load = Payload(0.0)
+        self._load, self._refusal = Payload(0.0), ""
         self._began_ns = 0  # when the first sample would have been
         q = self._robot.poses[START_POSE] if start is None else start
         still = (0.0,) * self._robot.n
@@ -120,16 +121,19 @@ class OfflineLink:
         return self._state
 
     def tell(self, packet: Beside) -> None:
-        """Carry a payload, which nobody refuses here; the rest has no one to hear it."""
+        """Carry a payload, unless the arm could not; the rest has no one to hear it."""
+        self._refusal = ""
         if isinstance(packet, Payload):
-            self._load = packet
-            self._torques.carry(packet)
-            self._state = replace(self._state, robot=replace(self._state.robot, payload_mass=packet.mass))
+            self._refusal = PayloadJudge(self._robot).objection(packet)
+            if not self._refusal:
+                self._load = packet
+                self._torques.carry(packet)
+                self._state = replace(self._state, robot=replace(self._state.robot, payload_mass=packet.mass))
 
     @property
     def refusal(self) -> str:
-        """See `Link.refusal`: an arm on paper carries what it is told."""
-        return ""
+        """See `Link.refusal`."""
+        return self._refusal
 
     def now_ns(self) -> int:
         """Virtual time of the newest sample."""

@@ -11,12 +11,12 @@ from qrobot.arrays import Words
 from qrobot.config.collision import threshold_objection
 from qrobot.errors import LinkError
 from qrobot.faultcodes import NO_JOINT
+from qrobot.model.payload_judge import PayloadJudge
 from qrobot.rccl_bridge.servo_interface import SetpointFrame
 from qrobot.realtime.shared_memory import SharedMemory
 from qrobot.servo.memory.mailbox import ServoMailbox
 from qrobot.servo.memory.servo_memory import ServoMemory, attach_servo_memory, local_servo_memory
 from qrobot.servo.memory.telemetry import SMALLEST_RING
-from qrobot.servo.payload import PayloadJudge
 from qrobot.units import NS_PER_S
 from qrobot.wire import AnalogOutputs, Collision, Payload, RobotState
 from qrobot.wire.packets import NO_SIGNALS

@@ -16,6 +16,7 @@ import numpy as np
 from qrobot.config import Robot
 from qrobot.errors import ConfigError
 from qrobot.hwif.board_memory import BoardMemory, local_board_memory
+from qrobot.model.payload_judge import PayloadJudge
 from qrobot.rccl_bridge.actions import Action, SessionOutcome, carry_out
 from qrobot.rccl_bridge.lease import Lease
 from qrobot.rccl_bridge.mailbox_port import MailboxPort
@@ -31,7 +32,6 @@ from qrobot.servo.memory.mailbox import ServoMailbox
 from qrobot.servo.memory.servo_memory import describe_analog_outputs, local_servo_memory
 from qrobot.servo.memory.telemetry import Rows, TelemetryReader
 from qrobot.servo.parameters import ServoParameters, servo_parameters
-from qrobot.servo.payload import PayloadJudge
 from qrobot.servo.process.loop import one_cycle
 from qrobot.servo.settings import ServoSettings
 from qrobot.servo.state import ServoState, make_state

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from qrobot import rccl
+from qrobot.arcl import ARCL_ROBOT, arcl_close, arcl_open, arcl_setload
 from qrobot.cli.console import run_app
 from qrobot.cli.main import make_app
 from qrobot.cli.motion_figures import farthest_off, path_of
@@ -20,6 +21,7 @@ from qrobot.motion import Termination, motion_limits
 from qrobot.rccl.offline import OfflineLink
 from qrobot.rccl.setpoints import Setpoints, read_setpoints, write_setpoints
 from qrobot.rccl.trace import Trace
+from qrobot.rci.machine_choice import MachineChoice, use_machine
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 ROBOT = load_robot("puma560")
@@ -253,3 +255,27 @@ def test_arms_of_multi_rccl_are_written_down_one_by_one(tmp_path: Path, capfd) -
     assert [(tmp_path / "out" / f"setpoints{suffix}.csv").is_file() for suffix in ("", "-2")] == [True, True]
     ends = [read_setpoints(tmp_path / "out" / f"setpoints{suffix}.csv").q[-1] for suffix in ("", "-2")]
     assert np.allclose(ends, [ROBOT.poses["end"], ROBOT.poses["ready"]], atol=1e-6)
+
+
+def test_off_line_too_an_arm_refuses_what_it_could_not_carry() -> None:
+    with rccl.use(OfflineLink), rccl.control(ROBOT.name) as arm:
+        arm.setload(1.0, (0.0, 0.0, 40.0))
+        for kg, centre, why in (
+            (5.0, (0, 0, 0), "carries 2.5 kg"),
+            (2.4, (0, 0, 900), "would have to hold"),
+            (-1.0, (0, 0, 0), "a mass of 0 kg or more"),
+        ):
+            with pytest.raises(MotionError, match=why):
+                arm.setload(kg, centre)
+        assert arm.how.payload_mass == 1.0
+        arm.setload(0)
+        assert arm.how.payload_mass == 0.0
+
+
+def test_off_line_too_a_robot_of_arcl_refuses_what_it_could_not_carry() -> None:
+    with use_machine(MachineChoice("offline")):
+        robot = arcl_open(ARCL_ROBOT, ROBOT.name, 0)
+        arcl_setload(robot, 1.0)
+        with pytest.raises(MotionError, match=r"carries 2\.5 kg"):
+            arcl_setload(robot, 5.0)
+        arcl_close(robot)

@@ -21,6 +21,7 @@ from qrobot.arcl.stream import RecordKind
 from qrobot.arcl.trace import done_line
 from qrobot.arrays import Floats
 from qrobot.errors import MotionError
+from qrobot.model.payload_judge import PayloadJudge
 from qrobot.motion import MotionLimits
 from qrobot.rci.link import LinkFactory
 from qrobot.rci.robot_samples import RobotSamples
@@ -74,7 +75,7 @@ class EmulatedMachine:
     def __init__(
         self, name: str, settings: MachineSettings, period_ms: float, make: Callable[[float], EmulatedArm]
     ) -> None:
-        self.name = name
+        self.name, self._robot = name, settings.robot
         self._period_ms = _checked(period_ms if settings.period_ms is None else settings.period_ms)
         self.period_s = self._period_ms / MM_PER_M
         self.sample: MachineSample | None = None
@@ -132,7 +133,9 @@ class EmulatedMachine:
         self._write(RecordKind.ANALOG, [output, volts])
 
     def tell(self, setting: Payload | Collision) -> None:
-        """See `RobotMachine.tell`: nothing is there that would weigh on this arm, or stand in its way."""
+        """See `RobotMachine.tell`: nothing weighs on this arm, but what it could not carry is refused."""
+        if isinstance(setting, Payload) and (objection := PayloadJudge(self._robot).objection(setting)):
+            raise MotionError(f"{self._robot.name} cannot carry that: {objection}")
 
     def keep_path(self, keeper: PathKeeper) -> None:  # noqa: ARG002 (there is nobody who would give the arm back)
         """See `RobotMachine.keep_path`. Raises MotionError, always."""

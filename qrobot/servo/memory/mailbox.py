@@ -109,7 +109,7 @@ class ServoMailbox:
         return said_ns > 0 and abs(now_ns - said_ns) < WAITING_NS
 
     def request_payload(self, payload: Payload) -> None:
-        """Reckon with `payload` from now on; see `servo.payload` for what an arm can carry."""
+        """Reckon with `payload` from now on; see `model.payload_judge` for what an arm can carry."""
         command = self.memory.command
         command.payload_mass = payload.mass
         command.payload_centre[:], command.payload_inertia[:] = payload.centre, payload.inertia

@@ -8,9 +8,9 @@ from typing import Final
 from qrobot.config import Robot
 from qrobot.config.collision import threshold_objection
 from qrobot.errors import ConfigError, QRobotError
+from qrobot.model.payload_judge import PayloadJudge
 from qrobot.servo.memory.mailbox import ServoMailbox
 from qrobot.servo.operator.messages import ChangeCollision, ChangeOverride, ChangePayload, PauseRequest, ResumeRequest
-from qrobot.servo.payload import PayloadJudge
 from qrobot.wire import CollisionReaction, Payload
 
 REACTIONS: Final = tuple(reaction.name.lower() for reaction in CollisionReaction)

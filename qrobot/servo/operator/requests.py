@@ -16,6 +16,7 @@ from typing import Final, TypeVar
 from qrobot.errors import LinkBusy, LinkTimeout, QRobotError
 from qrobot.faultcodes import FaultCode, explain
 from qrobot.modecodes import Mode
+from qrobot.model.payload_judge import PayloadJudge
 from qrobot.realtime.deadline import sleep_between_looks
 from qrobot.servo.memory.commander_lock import Authority
 from qrobot.servo.modes import mode_name
@@ -49,7 +50,6 @@ from qrobot.servo.operator.messages import (
 from qrobot.servo.operator.motion_requests import set_collision, set_payload, set_speed
 from qrobot.servo.operator.sockets import OperatorConnection
 from qrobot.servo.operator.status import guardian_acts, servo_status
-from qrobot.servo.payload import PayloadJudge
 
 HANGS: Final = (
     "the servo's loop does not run, as in a law that never comes back; the guardian has taken torque and power. "

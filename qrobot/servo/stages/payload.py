@@ -3,7 +3,7 @@
 The model is linear in ten numbers of a body, its mass, first moments and inertia about the origin of the last frame
 (Khalil and Dombre 2002, chapter 9). They go from those before to those asked for along 3 s^2 - 2 s^3 within `RAMP_S`,
 so that gravity, and with it the torque of a law, changes smoothly also while the arm moves. Whether the arm can carry
-it is judged by whoever asks (`servo.payload`); here only numbers are refused that would spoil the model.
+it is judged by whoever asks (`model.payload_judge`); here only numbers are refused that would spoil the model.
 """
 
 from __future__ import annotations

@@ -1,21 +1,36 @@
-"""Judgement of what an arm can carry, in Python before the servo is asked to reckon with it."""
+"""Judgement of what an arm can carry, in Python before a servo is asked to reckon with it."""
 
 from __future__ import annotations
 
-from typing import Final
+from typing import Final, Protocol
 
 import numpy as np
 
 from qrobot.arrays import Floats
 from qrobot.config import Robot
 from qrobot.model.dynamics import dynamics_params, dynamics_work, gravity_torque, with_payload
-from qrobot.wire import Payload
 
 POSES: Final = 1024  # [A] over the range of the joints; the worst of them lies within 2 % of the worst there is
 SEED: Final = 1
 HOLDING_SHARE: Final = 0.9  # [A] of the greatest torque: the rest is for the worst pose, and for feedback
 FARTHEST_M: Final = 1.0  # [A] of a centre of mass from the flange; farther is a mistake of units
 WIDEST_M: Final = 1.0  # [A] radius of gyration of a load; wider is a mistake of units, such as kg cm2
+
+
+class Load(Protocol):
+    """Something that an arm carries."""
+
+    @property
+    def mass(self) -> float:
+        """Mass, kg."""
+
+    @property
+    def centre(self) -> tuple[float, ...]:
+        """Centre of mass in the frame of the flange, m. Shape (3,)."""
+
+    @property
+    def inertia(self) -> tuple[float, ...]:
+        """Inertia about that centre, kg m2: xx yy zz xy xz yz. Shape (6,)."""
 
 
 class PayloadJudge:
@@ -38,7 +53,7 @@ class PayloadJudge:
         self._moments = [_holding(robot, poses, 1.0, axis) - self._bare - self._mass for axis in np.eye(3)]
         self._offset = np.array([0.0, 0.0, robot.geometry.flange_m])
 
-    def objection(self, payload: Payload) -> str:
+    def objection(self, payload: Load) -> str:
         """Reason for which the arm cannot carry `payload`; "" when it can."""
         robot, centre = self.robot, np.array(payload.centre)
         if not (np.isfinite([payload.mass, *payload.centre, *payload.inertia]).all() and payload.mass >= 0.0):
