@@ -42,3 +42,12 @@ def test_park_and_return_is_the_papers_experiment(capsys) -> None:
         assert (leg > 0.99 * leg.max()).sum() * PERIOD_S == pytest.approx(distance / cruise - 0.392, abs=3 * PERIOD_S)
     assert len(re.findall(r"^.* \d+\.\d\d s, now at", capsys.readouterr().out, re.MULTILINE)) == 3
     assert robot.goodbyes
+
+
+def test_a_busy_program_asks_for_the_next_place_while_its_arm_goes_to_the_one_before(capsys) -> None:
+    robot = FakeRobot(tuple(load_robot("puma560").poses["park"]))
+    run("23_busy_program.py", robot)
+    path = np.array(robot.path)
+    assert np.abs(path - path[0]).max() > 0.05  # rad: it has been there
+    assert path[-1] == pytest.approx(path[0], abs=0.01)  # the sixth place is within a millimetre of the beginning
+    assert "6 places, and no stop on the way" in capsys.readouterr().out

@@ -23,7 +23,8 @@ from tests.support.shared_arm import PERIOD_MS
 
 pytestmark = pytest.mark.realtime
 
-BOX = Path(__file__).parents[2] / "examples" / "12_box.py"
+EXAMPLES = Path(__file__).parents[2] / "examples"
+BOX = EXAMPLES / "12_box.py"
 TIP = shift(z=0.15625).value  # the end of the rod
 
 PRESS = """
@@ -124,3 +125,8 @@ def test_the_arm_comes_down_on_a_table_and_rests_there_while_it_complies(say: Sa
     joints = np.array([float(word) for word in said.partition("pressing at ")[2].split()])
     tip = 1000.0 * (puma.arm().forward(joints) @ TIP)[:3, 3]
     assert tip == pytest.approx([500.0, 0.0, -400.0], abs=4.0)
+
+
+def test_a_program_that_keeps_its_interpreter_does_not_stop_an_arm_whose_generator_has_a_process(say: Say) -> None:
+    printed, _ = say("run", EXAMPLES / "23_busy_program.py")
+    assert "6 places, and no stop on the way" in printed
