@@ -248,17 +248,17 @@ class MotionQueue:
             self._reporter.notify(ArclEvent.EVENT_BEGIN, motion)
         elif event.kind is EventKind.ENDED and motion is not None and event.request is not None:
             del self._open[event.request]
-            self._finish(motion, event.code, seen)
+            self._finish(motion, event, seen)
         elif event.kind is EventKind.LOST:
-            self._fail(_ERRORS.get(Termination(event.code), ArclEvent.EVENT_ERROR), None, _error_of(event.code), seen)
+            self._fail(_ERRORS.get(Termination(event.code), ArclEvent.EVENT_ERROR), None, _error_of(event), seen)
 
-    def _finish(self, motion: Motion, code: int, seen: MachineSample) -> None:
-        if code == Termination.COMPLETED:
+    def _finish(self, motion: Motion, event: MotionEvent, seen: MachineSample) -> None:
+        if (code := event.code) == Termination.COMPLETED:
             self._end(motion, ArclEvent.EVENT_DONE, seen)
         elif code > 0 or code not in _REASONS:
             self._end(motion, ArclEvent.EVENT_STOP, seen)
         else:
-            self._fail(_ERRORS[Termination(code)], motion, _error_of(code, motion), seen)
+            self._fail(_ERRORS[Termination(code)], motion, _error_of(event, motion), seen)
 
     def _end(self, motion: Motion, event: ArclEvent, seen: MachineSample | None) -> None:
         motion.code = event
@@ -296,7 +296,7 @@ def _event_of(error: MotionError) -> ArclEvent:
     return kinds.get(type(error), ArclEvent.EVENT_ERROR)
 
 
-def _error_of(code: int, motion: Motion | None = None) -> MotionError:
-    kind, words = _REASONS[Termination(code)]
+def _error_of(event: MotionEvent, motion: Motion | None = None) -> MotionError:
+    kind, words = _REASONS[Termination(event.code)]
     name = "the goal that is followed" if motion is None else f"move to {motion.name}"
-    return kind(f"{name}: {words}")
+    return kind(f"{name}: {event.why or words}")

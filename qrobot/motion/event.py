@@ -35,8 +35,12 @@ class EventKind(Enum):
 
 @dataclass(frozen=True)
 class MotionEvent:
-    """Something happened to `request`, or to none in particular; `code` is a `Termination` or the program's own."""
+    """Something happened to `request`, or to none in particular; `code` is a `Termination` or the program's own.
+
+    `why` tells more of it in words, as which joint met which limit; empty where the code says it all.
+    """
 
     kind: EventKind
     request: MoveRequest | None = None
     code: int = Termination.NONE
+    why: str = ""

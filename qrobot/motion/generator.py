@@ -37,7 +37,7 @@ from qrobot.motion.request import MoveRequest
 from qrobot.motion.trajectory.output import Output
 from qrobot.motion.trajectory.planned_path import PlannedPath
 from qrobot.motion.trajectory.sequencer import Sequencer
-from qrobot.motion.trajectory.setpoint_check import judge_next, reason
+from qrobot.motion.trajectory.setpoint_check import joint_at_limit, judge_next, reason
 from qrobot.motion.trajectory.speed_override import FULL_SPEED
 from qrobot.motion.trajectory.trajectory_state import TrajectoryState
 from qrobot.motion.world.equation import Goal
@@ -203,12 +203,13 @@ class Generator:
         """
         self._sequencer.stop(seconds)
 
-    def abort(self, code: int) -> None:
+    def abort(self, code: int, why: str = "") -> None:
         """Come to an absolute rest wherever the joints can, and drop all waiting requests: what is under way must end.
 
-        The present request ends with `code`; at rest it is told that the goal which was followed is lost.
+        The present request ends with `code`, and `why` in words; at rest it is told that the goal which was followed is
+        lost.
         """
-        self._sequencer.abort(code)
+        self._sequencer.abort(code, why)
 
     def state(self) -> Floats:
         """Position, velocity and acceleration of the setpoints at the newest sample. Shape (3, n), SI units.
@@ -305,32 +306,32 @@ class Generator:
             self._sequencer.advance()
             q = self._trajectory.setpoint()
         except (JointLimit, Unreachable, Singular) as error:
-            return self._abort_now(reason(error))
+            return self._abort_now(reason(error), str(error))
         if not self._trajectory.on_joint_path and (code := self._judge(q)) is not Termination.NONE:
-            return self._abort_now(code)
-        if self._fences is not None and self._enters_fence(self._fences, q):
-            return self._abort_now(Termination.FENCE)
+            return self._abort_now(code, self._why(code, q))
+        if self._fences is not None and (why := self._fence_objection(self._fences, q)):
+            return self._abort_now(Termination.FENCE, why)
         return q
 
-    def _enters_fence(self, fences: FenceCheck, q: Floats) -> bool:
-        """The setpoint `q` (n,) leads too near a fence; a stop under way is the best that can be done already."""
+    def _fence_objection(self, fences: FenceCheck, q: Floats) -> str:
+        """Words for a setpoint `q` (n,) too near a fence, else ""; a stop under way is the best that can be done."""
         if self.stopping:
-            return False
+            return ""
         if self._path.coordinates.fixed and not self.busy:
             fences.rests_at(q)
-            return False
+            return ""
         try:
             if self._path.coordinates.fixed:
                 fences.judge(q)
             else:
                 points = self._trajectory.setpoints_with(q)
                 fences.judge_stop(points, self.period_s, self._limits, self._settings.blend)
-        except FenceCrossed:
-            return True
-        return False
+        except FenceCrossed as error:
+            return str(error)
+        return ""
 
-    def _abort_now(self, code: int) -> Floats:
-        self.abort(code)
+    def _abort_now(self, code: int, why: str) -> Floats:
+        self.abort(code, why)
         return self._trajectory.setpoint()
 
     def _judge(self, q: Floats) -> Termination:
@@ -342,6 +343,14 @@ class Generator:
         if code is not Termination.TOO_FAST or self._kinematics is None:
             return code
         return Termination.SINGULAR if self._kinematics.near_singular(self._trajectory.newest) else code
+
+    def _why(self, code: Termination, q: Floats) -> str:
+        """Words for what `_judge` has found wrong with the setpoint `q` (n,): which joint is at which limit."""
+        if code is not Termination.JOINT_LIMIT:
+            return ""
+        points = self._trajectory.setpoints_with(q)
+        joint = joint_at_limit(points, self.period_s, self._limits, self._settings.blend)
+        return self._limits.leaving(joint, q[joint])
 
     def _judge_points(self, points: History) -> Termination:
         return judge_next(points, self.period_s, self._limits, self._settings.blend)

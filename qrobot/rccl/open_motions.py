@@ -57,14 +57,14 @@ class OpenMotions:
     def add(self, order: MoveOrder) -> None:
         """A motion was asked for."""
         if self._oldest(order.position) is None and not self._looked_at(order.position):
-            order.position.code, order.position.scal = Termination.NONE, 0.0
+            order.position.code, order.position.scal, order.position.why = Termination.NONE, 0.0, ""
         self._open[order.request] = order
 
     def notify(self, events: Iterable[MotionEvent], q: Floats, tick: int) -> None:
         """Pass events of one sample on to the positions they concern; the arm was measured at `q` (n,)."""
         for event in events:
             if event.kind is EventKind.LOST and self._arrived is not None:
-                self._arrived.code = event.code
+                self._arrived.code, self._arrived.why = event.code, event.why
             elif event.request is None:
                 continue
             elif event.kind is EventKind.BEGUN:
@@ -73,7 +73,7 @@ class OpenMotions:
                 self._measure(event.request, q, tick)
             elif event.kind is EventKind.ENDED:
                 self._measure(event.request, q, tick)
-                self._end(event.request, event.code)
+                self._end(event.request, event.code, event.why)
 
     def update_progress(self, output: Output) -> None:
         """Tell positions how much of their motions is done: two of them in the first half of a transition."""
@@ -90,7 +90,7 @@ class OpenMotions:
         self._begun.add(request)
         position = self._open[request].position
         if self._oldest(position) is request:
-            position.code, position.scal = Termination.NONE, 0.0
+            position.code, position.scal, position.why = Termination.NONE, 0.0, ""
 
     def _measure(self, request: MoveRequest, q: Floats, tick: int) -> None:
         """Do what `update` has asked for, once; a motion that never began has been nowhere."""
@@ -101,13 +101,13 @@ class OpenMotions:
                 update.trsf.set(update.equation.solve(update.trsf, t6, tick))
         self._open[request] = replace(order, updates=())
 
-    def _end(self, request: MoveRequest, code: int) -> None:
+    def _end(self, request: MoveRequest, code: int, why: str) -> None:
         position = self._arrived = self._open.pop(request).position
         self._begun.discard(request)
         if code in _FAILURES:
-            self.failures.append(f"{position.name}: {reason_of(code)}")
+            self.failures.append(f"{position.name}: {reason_of(code)}{f' ({why})' if why else ''}")
         if (following := self._oldest(position)) is None or following not in self._begun:
-            position.code = code
+            position.code, position.why = code, why
             position.scal = 1.0 if code == Termination.COMPLETED else position.scal
         if following is not None and not self._looked_at(position):
             position.scal = 0.0

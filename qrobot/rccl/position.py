@@ -39,6 +39,7 @@ class Position:
         target: as given; joint positions are copied and made read-only.
         code: why the latest motion to it ended: a `Termination`, or the program's own number (`nextmove`); 0 before.
         scal: how much of the motion is done, 0 to 1.
+        why: more of the reason in words, as which joint met which limit; empty where the code says it all. Ours.
     """
 
     def __init__(self, name: str, target: Target) -> None:
@@ -48,7 +49,7 @@ class Position:
             target.flags.writeable = False
         self.target: Target = target
         self.code: int = Termination.NONE
-        self.scal = 0.0
+        self.scal, self.why = 0.0, ""
         self._end = Event(f"{name}.end")
 
     @property

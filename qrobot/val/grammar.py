@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Final
 
-from qrobot.val.vocabulary import INSTRUCTIONS, MANNERS, REACTIONS
+from qrobot.val.vocabulary import INNER, INSTRUCTIONS, MANNERS, REACTIONS, STRUCTURE
 
 
 def _words(*words: str) -> str:
     """A terminal for any of these words, in capitals or not; VAL's names contain dots."""
     longest_first = sorted(words, key=len, reverse=True)
     return rf"/(?:{'|'.join(longest_first)})(?![A-Za-z0-9_.])/i"
+
+
+def _keywords(words: Iterable[str]) -> str:
+    """A terminal for each of these words, by its own name."""
+    return "\n".join(f"{word}.3: {_words(word)}" for word in words)
 
 
 GRAMMAR: Final = rf"""
@@ -74,49 +80,7 @@ indices: "[" expression ("," expression)* "]"
 PLAIN.3: {_words(*INSTRUCTIONS)}
 MANNER.3: {_words(*MANNERS)}
 REACTION.3: {_words(*REACTIONS)}
-{
-    chr(10).join(
-        f"{word}.3: {_words(word)}"
-        for word in (
-            "SIGNAL",
-            "SET",
-            "SPEED",
-            "TIMER",
-            "DAC",
-            "PARAMETER",
-            "ENABLE",
-            "DISABLE",
-            "DECOMPOSE",
-            "GOTO",
-            "IF",
-            "THEN",
-            "WHILE",
-            "DO",
-            "CASE",
-            "OF",
-            "UNTIL",
-            "ELSE",
-            "ANY",
-            "END",
-            "FOR",
-            "TO",
-            "STEP",
-            "VALUE",
-            "CALL",
-            "REACTE",
-            "PCEXECUTE",
-            "TYPE",
-            "PROMPT",
-            "OR",
-            "AND",
-            "NOT",
-            "MOD",
-            "BY",
-            "MMPS",
-            "ALWAYS",
-        )
-    )
-}
+{_keywords(word for word in (*STRUCTURE, *INNER) if word not in REACTIONS)}
 COLON: ":"
 SIGN: /[+-]/
 TIMES: /[*\/]/

@@ -185,7 +185,7 @@ class RcclArm:
                 going.append(motion)
             elif motion.position.code != Termination.COMPLETED:
                 self._stopped.append(motion.destination)
-                if reason := _WORDS.get(Termination(motion.position.code)):
+                if reason := motion.position.why or _WORDS.get(Termination(motion.position.code)):
                     self._failure = self._failure or f"the motion to {motion.destination.name} ended: {reason}"
         self._motions = going
 

@@ -58,22 +58,12 @@ MANNERS: Final[dict[str, tuple[str, ...]]] = {
 REACTIONS: Final = ("REACT", "REACTI")
 STRUCTURE: Final = (
     *("IF", "THEN", "ELSE", "WHILE", "DO", "UNTIL", "FOR", "TO", "STEP", "CASE", "OF", "VALUE", "ANY", "END", "GOTO"),
-    *(
-        "CALL",
-        "SET",
-        "SPEED",
-        "TIMER",
-        "DAC",
-        "PARAMETER",
-        "ENABLE",
-        "DISABLE",
-        "DECOMPOSE",
-        "TYPE",
-        "PROMPT",
-        "PCEXECUTE",
-    ),
+    *("CALL", "SET", "SPEED", "TIMER", "DAC", "PARAMETER", "ENABLE", "DISABLE", "DECOMPOSE", "TYPE", "PROMPT"),
+    "PCEXECUTE",
     *("SIGNAL", "REACT", "REACTI", "REACTE", "AND", "OR", "NOT", "MOD"),
 )
+INNER: Final = ("BY", "MMPS", "ALWAYS")
+"""Words of a line that mean something in their place alone."""
 RESERVED: Final = frozenset({*INSTRUCTIONS, *MANNERS, *STRUCTURE})
 """Words that begin or divide a line, so that nothing else can be called like them there."""
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 
 import numpy as np
@@ -81,6 +82,7 @@ from qrobot.arcl import (
 from qrobot.arcl.standstill import HELD_S
 from qrobot.arcl.stream import RecordKind, read_stream
 from qrobot.errors import ConfigError, JointLimit, LinkError, MotionError, Unreachable
+from qrobot.model.transform import so3_exp, transform
 from qrobot.rci.machine_choice import MachineChoice, use_machine
 from tests.support.arcl import PARK, at, forget_programs, offline, recorded
 
@@ -409,6 +411,21 @@ def test_a_handler_of_errors_goes_on_or_halts(answer: int, place: tuple) -> None
     arcl_wait(rp)
     assert told == [(EVENT_LIMIT, True, JointLimit)]
     assert np.allclose(rp.joints, place)
+
+
+def test_a_frame_that_turns_a_joint_to_its_limit_is_an_error_which_names_that_joint() -> None:
+    rp, told = offline(), []
+    arcl_errproc(lambda event, _, error: told.append((event, str(error))))
+
+    def turn(t, motion) -> None:
+        t.set(transform(so3_exp(np.array([0.0, 0.0, np.radians(-0.03 * (ami_treal() - motion.t0))]))))
+
+    turning = makeposition("turning", T6, EQ, new_trans("around", FNDEF, turn), where(rp), TL, T6)
+    move(rp, turning, MOV_TRAJ, TRAJ_JOINT, 0)
+    arcl_wait(rp, lambda: told or rp.treal > 20_000.0)
+    ((event, error),) = told
+    assert event is EVENT_LIMIT
+    assert re.search(r"joint \d \(\w+\) at \S+ deg would leave its range, \S+ deg to \S+ deg", error)
 
 
 def test_a_frame_that_jumps_is_an_error_and_no_jump_of_the_arm() -> None:

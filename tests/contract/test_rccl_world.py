@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 
 import numpy as np
@@ -193,6 +194,23 @@ def test_an_arm_that_follows_a_frame_is_brought_to_rest_before_it_is_released(ro
     assert np.abs(steps[-1]).max() < 2e-4
     braking = np.diff(steps[-25:], axis=0) / PERIOD_S**2
     assert (np.abs(braking) <= 1.06 * LIMITS.a_max).all()
+
+
+def test_a_goal_that_turns_a_joint_to_its_limit_is_lost_and_the_position_names_that_joint(robot) -> None:
+    turned = [0.0]
+
+    def turn(t: rccl.Transform) -> None:
+        turned[0] += 1.0
+        rccl.rot(t, rccl.zunit, turned[0])
+
+    here = newtrans("HERE", "const")
+    here.set(arm().forward(PARK))
+    p = rccl.makeposition("P", rccl.t6, rccl.EQ, newtrans("TURN", turn), here, rccl.TL, rccl.t6)
+    rccl.move(p)
+    rccl.waitas(lambda: p.code < DONE)
+    assert p.code == Termination.JOINT_LIMIT
+    assert re.fullmatch(r"joint \d \(\w+\) at \S+ deg would leave its range, \S+ deg to \S+ deg", p.why)
+    rccl.release()
 
 
 def test_a_frame_that_carries_the_arm_out_of_reach_ends_in_a_stop_with_its_code(robot) -> None:

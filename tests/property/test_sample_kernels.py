@@ -12,7 +12,7 @@ from qrobot.motion import Blend, MotionLimits, Termination
 from qrobot.motion.path.blend import PEAK
 from qrobot.motion.path.setpoint_history import motion_of
 from qrobot.motion.planning.joint_stop import BULGE, SHORTEST_STOP_S, joint_stop_s
-from qrobot.motion.trajectory.setpoint_check import judge_next
+from qrobot.motion.trajectory.setpoint_check import joint_at_limit, judge_next
 from qrobot.motion.world.product import multiply_chain
 from tests.support.motion import LIMITS
 
@@ -96,6 +96,8 @@ def test_a_joint_is_at_its_limit_while_it_can_still_stop_before_it(side, joint) 
         q = MIDDLE.copy()
         q[joint] = limit - share * 0.5 * halt * v[joint]
         assert judged(q, v, NOTHING) is code
+    points = [(tick, q + (tick - 3) * PERIOD_S * v) for tick in (1, 2, 3)]
+    assert joint_at_limit(points, PERIOD_S, LIMITS, Blend.QUARTIC) == joint
 
 
 @pytest.mark.parametrize(("side", "joint"), [("q_min", 0), ("q_max", 0), ("q_min", 1), ("q_max", 1)])
@@ -114,6 +116,7 @@ def test_a_joint_beyond_its_limit_may_stand_there_and_come_back_and_goes_no_fart
 def test_a_turn_of_more_than_half_a_circle_between_samples_is_a_joint_at_its_limit() -> None:
     points = [(1, np.array([-1.6, 0.0])), (2, np.array([1.6, 0.0]))]
     assert judge_next(points, PERIOD_S, LIMITS, Blend.QUARTIC) is Termination.JOINT_LIMIT
+    assert joint_at_limit(points, PERIOD_S, LIMITS, Blend.QUARTIC) == 0
 
 
 def test_what_is_no_number_never_passes() -> None:

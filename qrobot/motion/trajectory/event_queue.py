@@ -32,13 +32,13 @@ class EventQueue:
         """Note that a request is cut short: it will end with `code` when the arm has come to rest."""
         self._events.append(MotionEvent(EventKind.INTERRUPTED, request, code))
 
-    def ended(self, request: MoveRequest, code: int) -> None:
+    def ended(self, request: MoveRequest, code: int, why: str = "") -> None:
         """Note that a request ended with `code`."""
-        self._events.append(MotionEvent(EventKind.ENDED, request, code))
+        self._events.append(MotionEvent(EventKind.ENDED, request, code, why))
 
-    def lost(self, request: MoveRequest | None, code: int) -> None:
+    def lost(self, request: MoveRequest | None, code: int, why: str) -> None:
         """The goal of a request that had arrived cannot be followed any further."""
-        self._events.append(MotionEvent(EventKind.LOST, request, code))
+        self._events.append(MotionEvent(EventKind.LOST, request, code, why))
 
     def dropped(self, requests: Iterable[MoveRequest]) -> None:
         """Note that requests ended without having begun."""

@@ -18,11 +18,13 @@ class StopState:
         request: being ended, None when none was served.
         code: it ends with.
         scal: how much of it was done.
+        why: more of the reason in words, empty for none.
     """
 
     request: MoveRequest | None
     code: int
     scal: float
+    why: str = ""
 
 
 @dataclass(frozen=True, eq=False)

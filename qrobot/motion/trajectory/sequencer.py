@@ -94,14 +94,14 @@ class Sequencer:
         if not self.stopping and not stands:
             self._begin_stop(self.serving, Termination.STOPPED, seconds)
 
-    def abort(self, code: int) -> None:
+    def abort(self, code: int, why: str) -> None:
         """See `Generator.abort`."""
         if self.stopping:
             return
         if self._path.segment is None:
-            self.events.lost(self._arrived, code)
+            self.events.lost(self._arrived, code, why)
         self._drop_waiting()
-        self._begin_joint_stop(self.serving, code)
+        self._begin_joint_stop(self.serving, code, why=why)
 
     def last_end(self) -> Floats | None:
         """Position of the arm when it has done all that was asked; None when that moves. Shape (n,)."""
@@ -346,14 +346,14 @@ class Sequencer:
         self._cut_short(request, code)
         self._trajectory.begin_path_stop(segment, seconds, self._planner.scheduler)
 
-    def _begin_joint_stop(self, request: MoveRequest | None, code: int, seconds: float = 0.0) -> None:
+    def _begin_joint_stop(self, request: MoveRequest | None, code: int, seconds: float = 0.0, why: str = "") -> None:
         """Bring the joints to rest from the newest setpoint, whatever the path was, which ends `request`."""
-        self._cut_short(request, code)
+        self._cut_short(request, code, why)
         self._trajectory.begin_joint_stop(seconds, self._limits)
 
-    def _cut_short(self, request: MoveRequest | None, code: int) -> None:
+    def _cut_short(self, request: MoveRequest | None, code: int, why: str = "") -> None:
         """An absolute stop begins which ends `request`: tell so, unless the stop is what it asked for."""
-        self._stop, self._skipped = StopState(request, code, self._scal()), None
+        self._stop, self._skipped = StopState(request, code, self._scal(), why), None
         self._via.forget()
         self._pass_via_point()
         if request is not None and code != Termination.COMPLETED:
@@ -367,12 +367,12 @@ class Sequencer:
         self._trajectory.hold(self._path.state(self._trajectory.clock)[0])
         self._stop = None
         if stop.request is not None:
-            self.events.ended(stop.request, stop.code)
+            self.events.ended(stop.request, stop.code, stop.why)
         return True
 
     def _refuse(self, error: MotionError) -> None:
         """The oldest request turned out to be impossible when its turn came; nothing behind it is tried."""
-        self.events.ended(self._queue.pop().request, reason(error))
+        self.events.ended(self._queue.pop().request, reason(error), str(error))
         self._drop_waiting()
 
     def _drop_waiting(self) -> None:

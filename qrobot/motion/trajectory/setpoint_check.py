@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from typing import Final
 
+import numpy as np
+
 from qrobot.arrays import Floats
 from qrobot.errors import FenceCrossed, JointLimit, MotionError, Singular, Unreachable
 from qrobot.motion.event import Termination
@@ -40,6 +42,19 @@ def judge_next(points: History, period_s: float, limits: MotionLimits, blend: Bl
     """
     rows, near_s, far_s = rows_of(points, period_s)
     return Termination(judge_rows(rows, near_s, far_s, limits.table, PEAK[blend]))
+
+
+def joint_at_limit(points: History, period_s: float, limits: MotionLimits, blend: Blend) -> int:
+    """The joint, from 0, for which `judge_next` gives JOINT_LIMIT: it jumps, or is led farthest beyond its range."""
+    rows, near_s, far_s = rows_of(points, period_s)
+    if (jumps := np.abs(rows[0] - rows[1]) > math.pi).any():
+        return int(jumps.argmax())
+    between, (_, _, _, a_max, stop) = spacing(near_s, far_s), limits.table
+    v, a = np.array([parabola(now, before, earlier, between) for now, before, earlier in rows.T]).T
+    stop_s = max(SHORTEST_STOP_S, *map(stopping_s, v, a, a_max, stop, [PEAK[blend]] * len(v)))
+    ways = 0.5 * stop_s * v, LIFT * SHORTEST_STOP_S**2 * a
+    low, high = (rows[0] + sum(turned(way, 0.0) for way in ways) for turned in (np.minimum, np.maximum))
+    return int(np.maximum(limits.q_min - low, high - limits.q_max).argmax())
 
 
 @lean_kernel

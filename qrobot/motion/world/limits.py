@@ -91,6 +91,11 @@ class MotionLimits:
             asked = f"{abs(values[j]):.4g} {self._unit(j)}/{per}"
             raise TooFast(f"{what}: {self._joint(j)} would need {asked}, {limits[j]:.4g} allowed", remedy, share)
 
+    def leaving(self, j: int, q: float) -> str:
+        """Words for a joint, from 0, that is about to leave its range and would next be at `q`."""
+        low, high = (self._place(j, limit[j]) for limit in (self.q_min, self.q_max))
+        return f"{self._joint(j)} at {self._place(j, q)} would leave its range, {low} to {high}"
+
     def _joint(self, j: int) -> str:
         return f"joint {j + 1} ({self.names[j]})"
 

@@ -75,7 +75,7 @@ class _ReportedMotions(OpenMotions):
         events = list(events)
         for event in events:
             number = 0 if event.request is None else self._number_of(event.request)
-            self.happened.append(Happened(event.kind, number, event.code, q, tick))
+            self.happened.append(Happened(event.kind, number, event.code, q, tick, event.why))
         super().notify(events, q, tick)
 
     def update_progress(self, output: Output) -> None:

@@ -153,8 +153,8 @@ class RemoteTask:
         """Take a report over: events of motions, and the newest state."""
         if report.seen is not None:
             self._look(report.seen)
-        for kind, number, code, q, tick in report.happened:
-            self.motions.notify([MotionEvent(kind, self._request(number), code)], q, tick)
+        for kind, number, code, q, tick, why in report.happened:
+            self.motions.notify([MotionEvent(kind, self._request(number), code, why)], q, tick)
             if kind is EventKind.ENDED:
                 self.process.ends.forget(number)
         for number, scal in report.progress:

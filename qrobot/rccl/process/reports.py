@@ -53,6 +53,7 @@ class Happened(NamedTuple):
     code: int
     q: Floats
     tick: int
+    why: str
 
 
 class MotionProgress(NamedTuple):

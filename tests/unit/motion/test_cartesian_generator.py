@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 
@@ -216,6 +218,15 @@ def test_a_goal_that_turns_a_joint_to_its_limit_is_left_before_it() -> None:
     gen.push(to(at_park(belt.trsf), MotionMode.JOINT))
     outputs = run_on(gen, belt, 400)
     assert lost(outputs) == [Termination.JOINT_LIMIT]
+    (why,) = (event.why for output in outputs for event in output.events if event.kind is EventKind.LOST)
+    room = np.minimum(outputs[-1].q - LIMITS.q_min, LIMITS.q_max - outputs[-1].q)
+    nearest = int(room.argmin())
+    named = re.fullmatch(r"joint (\d) \(\w+\) at (-?[\d.]+) deg would leave its range, (\S+) deg to (\S+) deg", why)
+    assert named is not None, why
+    assert int(named[1]) == nearest + 1
+    told = np.array([float(named[k]) for k in (2, 3, 4)])
+    assert told[1:] == pytest.approx(np.degrees([LIMITS.q_min[nearest], LIMITS.q_max[nearest]]), abs=0.01)
+    assert np.abs(told[1:] - told[0]).min() < 15.0
     assert_stopped_within_limits(outputs)
 
 
