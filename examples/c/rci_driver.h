@@ -64,7 +64,7 @@ static inline void driver_fill(struct driver *driver, struct how *how, struct ch
 static inline int driver_startup(struct driver *driver, const char *robot, const char *address, struct how *how,
                                  struct chg *chg)
 {
-    struct qrobot_hello hello = {QROBOT_ROLE_COMMANDER, robot, "RCI", 0, 0};
+    struct qrobot_hello hello = {QROBOT_ROLE_COMMANDER, robot, "RCI", 0, 0, 0};
     int status;
 
     memset(driver, 0, sizeof *driver);

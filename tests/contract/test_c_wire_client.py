@@ -12,6 +12,7 @@ import socket
 import struct
 import subprocess
 import threading
+import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
@@ -52,6 +53,7 @@ from tests.support.packets import resting
 from tests.support.patience import PATIENCE_MS, PATIENCE_S, give_time, wait_until
 
 ROOT = Path(__file__).parents[2]
+PERIOD_NS = 5_000_000  # of the sample periods that "talk" of the program asks for
 HEADER = ROOT / "qrobot/wire/c"
 COMPILERS = [found for name in ("gcc", "clang") if (found := shutil.which(name))] or [shutil.which("cc") or ""]
 STRICT = ["-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Werror"]
@@ -189,7 +191,7 @@ def test_what_is_said_beside_the_periods_is_what_the_codec_makes_of_it(client: P
 
 @pytest.mark.parametrize("reason", ["", "done", "x" * 512, "x" * 600, "x" * 511 + "é"])
 def test_greeting_and_farewell_are_those_of_the_codec(client: Path, reason: str) -> None:
-    lines = ask(client, "greet", "1", "puma560", "prüfung", "28000", reason)
+    lines = ask(client, "greet", "1", "puma560", "prüfung", "28000", reason, "0")
     packets = Hello(ClientRole.COMMANDER, "puma560", "prüfung", 28_000, t_ns=7), Bye(reason, 8)
     assert lines == [f"made {encode(packet).hex()}" for packet in packets]
 
@@ -198,7 +200,13 @@ def test_greeting_and_farewell_are_those_of_the_codec(client: Path, reason: str)
     ("role", "robot", "objection"), [("3", "puma560", "unknown role 3"), ("1", "x" * 65, "names have at most 64 bytes")]
 )
 def test_a_greeting_that_does_not_fit_is_not_sent(client: Path, role: str, robot: str, objection: str) -> None:
-    assert ask(client, "greet", role, robot, "", "0", "") == [f"refused {objection}"]
+    assert ask(client, "greet", role, robot, "", "0", "", "0") == [f"refused {objection}"]
+
+
+def test_a_greeting_asks_for_samples_in_step_as_the_codec_does(client: Path) -> None:
+    lines = ask(client, "greet", "1", "puma560", "twin", "28000", "", "1")
+    packet = Hello(ClientRole.COMMANDER, "puma560", "twin", 28_000, t_ns=7, in_step=True)
+    assert lines[0] == f"made {encode(packet).hex()}"
 
 
 # ---------------------------------------------------------------------------------------------------------- judgement
@@ -301,10 +309,15 @@ def server(serve: Callable[[socket.socket], object]) -> Iterator[str]:
 
 
 def talk(
-    client: Path, bridge: str, periods: int = 1_000, robot: str = "puma560", patience_ms: int = round(PATIENCE_MS)
+    client: Path,
+    bridge: str,
+    periods: int = 1_000,
+    robot: str = "puma560",
+    patience_ms: int = round(PATIENCE_MS),
+    in_step: bool = False,
 ):
     """(status, refusal, seq, ack, error) of a program that holds the arm for so many periods."""
-    (line,) = ask(client, "talk", robot, str(periods), str(patience_ms), bridge=bridge)
+    (line,) = ask(client, "talk", robot, str(periods), str(patience_ms), str(int(in_step)), bridge=bridge)
     status, refusal, seq, ack, error = line.split(" ", 4)
     return int(status), int(refusal), int(seq), int(ack), error
 
@@ -324,6 +337,15 @@ def test_every_state_is_answered_and_the_bridge_takes_every_answer(client: Path)
         assert (status, error) == (OK, "")
         assert 50 < seq < ack + 10
         assert len(bridge.port.frames) >= 45
+
+
+@pytest.mark.realtime
+def test_in_step_the_number_of_a_state_is_that_of_its_period_on_the_bridges_clock(client: Path) -> None:
+    with Bridge() as bridge:
+        before = time.monotonic_ns() // PERIOD_NS
+        status, _, seq, *_ = talk(client, address_of(bridge), periods=5, in_step=True)
+        assert status == OK
+        assert before + 5 <= seq <= time.monotonic_ns() // PERIOD_NS + 1
 
 
 def test_a_refusal_arrives_with_its_code_and_reason(client: Path) -> None:

@@ -156,10 +156,11 @@ static int make_others(char **argument)
     return qrobot_put_stop(&link, 1, 4, out) != QROBOT_INVALID;
 }
 
-/* Arguments: role, robot, program, period in us, reason of the BYE. */
+/* Arguments: role, robot, program, period in us, reason of the BYE, whether in step. */
 static int greet(char **argument)
 {
-    struct qrobot_hello hello = {atoi(argument[0]), argument[1], argument[2], (uint32_t)atoi(argument[3]), 0};
+    struct qrobot_hello hello = {atoi(argument[0]), argument[1], argument[2], (uint32_t)atoi(argument[3]), 0,
+                                 atoi(argument[5])};
     unsigned char out[QROBOT_MAX_PACKET];
     struct qrobot_link link;
     int size;
@@ -173,10 +174,11 @@ static int greet(char **argument)
     return qrobot_put_bye(&link, "again", 9, out);
 }
 
-/* Arguments: robot, periods, milliseconds of patience. Holds the arm for so many periods of QROBOT_BRIDGE's robot. */
+/* Arguments: robot, periods, milliseconds of patience, whether in step. Holds the arm for so many periods of QROBOT_BRIDGE's robot. */
 static int talk(char **argument)
 {
-    struct qrobot_hello hello = {QROBOT_ROLE_COMMANDER, argument[0], "talk", 5000, atoi(argument[2])};
+    struct qrobot_hello hello = {QROBOT_ROLE_COMMANDER, argument[0], "talk", 5000, atoi(argument[2]),
+                                 atoi(argument[3])};
     struct qrobot_command command;
     struct qrobot_state state = {0};
     struct qrobot_link link;
@@ -202,7 +204,7 @@ int main(int argc, char **argv)
         return make_commands();
     if (argc == 4 && strcmp(argv[1], "others") == 0)
         return make_others(argv + 2);
-    if (argc == 7 && strcmp(argv[1], "greet") == 0)
+    if (argc == 8 && strcmp(argv[1], "greet") == 0)
         return greet(argv + 2);
-    return argc == 5 && strcmp(argv[1], "talk") == 0 ? talk(argv + 2) : 2;
+    return argc == 6 && strcmp(argv[1], "talk") == 0 ? talk(argv + 2) : 2;
 }

@@ -2,7 +2,7 @@
  *
  *     #include "qrobot_wire.h"                            before any system header
  *
- *     struct qrobot_hello hello = {QROBOT_ROLE_COMMANDER, "puma560", "my program", 0, 0};
+ *     struct qrobot_hello hello = {QROBOT_ROLE_COMMANDER, "puma560", "my program", 0, 0, 0};
  *     struct qrobot_link link;
  *     struct qrobot_state state;
  *     struct qrobot_command command;
@@ -266,6 +266,7 @@ struct qrobot_hello {
     const char *program;  /* this client, for people */
     uint32_t period_us;   /* wanted sample period, 0 takes the server's */
     int timeout_ms;       /* for an answer of the bridge, 0 takes QROBOT_ANSWER_MS */
+    int in_step;          /* 1: states of the same seq of several arms are of one instant, see QROBOT_FLAG_IN_STEP */
 };
 
 struct qrobot_command {
@@ -489,6 +490,7 @@ static inline int qrobot_put_hello(struct qrobot_link *link, const struct qrobot
         return qrw_fail(link, QROBOT_INVALID, "names have at most %d bytes", QROBOT_NAME_BYTES);
     memset(out, 0, QROBOT_HELLO_BYTES + QROBOT_TOKEN_BYTES);
     qrw_put(out + QROBOT_AT_HELLO_ROLE, 1, (uint64_t)hello->role);
+    qrw_put(out + QROBOT_AT_HELLO_FLAGS, 1, hello->in_step ? QROBOT_HELLO_FLAG_IN_STEP : 0);
     qrw_put(out + QROBOT_AT_HELLO_PERIOD_US, 4, hello->period_us);
     memcpy(out + QROBOT_AT_HELLO_ROBOT, hello->robot, strlen(hello->robot));
     memcpy(out + QROBOT_AT_HELLO_PROGRAM, hello->program, strlen(hello->program));

@@ -22,7 +22,7 @@ int rci_link_open(RCI_TASK *td)
 {
     struct rci_inside *in = td->inside;
     struct qrobot_hello hello = {QROBOT_ROLE_COMMANDER, td->robot->name, td->name, period_us(td),
-                                 rci_program.virtual_time ? VIRTUAL_MS : 0};
+                                 rci_program.virtual_time ? VIRTUAL_MS : 0, 0};
     struct qrobot_link *link;
 
     if (rci_program.virtual_time && address_of(td) == NULL)
