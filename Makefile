@@ -16,7 +16,7 @@ unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help demo test machines lint kernels unit virtual realtime bench docs clean
+.PHONY: help demo test machines lint kernels unit virtual realtime shared alone bench docs clean
 
 help: ## list the targets
 	@sed -n 's/^\([a-z]*\):.*## \(.*\)/  make \1	\2/p' Makefile | expand -t 16
@@ -30,27 +30,32 @@ test: $(VENV)/dev.stamp ## all checks: lint, then the test suite
 
 # A test on the wall clock may be run again so often: `make test RERUNS=0` for not at all.
 RERUNS ?= 2
-unit realtime: export QROBOT_RERUNS := $(RERUNS)
+unit realtime shared alone: export QROBOT_RERUNS := $(RERUNS)
 
-kernels unit virtual realtime machines: export QROBOT_CACHE := $(CURDIR)/.pytest_cache/qrobot
+kernels unit virtual realtime shared alone machines: export QROBOT_CACHE := $(CURDIR)/.pytest_cache/qrobot
 
 kernels: $(VENV)/dev.stamp
 	@echo "compiling ..."
 	@$(BIN)/python -m tests.support.kernels
 
 # Tests on virtual time share out the processors, file by file and in order: the longest files are not the last. Those on
-# the wall clock wait more than they compute, and two of them at a time would only slow each other down: they run beside
-# the others, one by one, and these get what they leave of the processors. What they print comes when they are done.
+# the wall clock wait more than they compute: they run beside the others, in two rows, of which one is all on one arm, and
+# the others get what they leave of the processors. What they print comes when they are done.
 IDLE := $(shell command -v chrt >/dev/null && echo chrt --idle 0 || echo nice -n 19)
 
 unit: $(VENV)/dev.stamp
-	@$(MAKE) --no-print-directory -j 2 realtime virtual
+	@$(MAKE) --no-print-directory -j 3 shared alone virtual
 
 virtual: $(VENV)/dev.stamp
 	$(IDLE) $(BIN)/python -m pytest -m "not realtime" --numprocesses $(WORKERS) --dist loadfile --no-loadscope-reorder --max-worker-restart 0
 
+shared: SHARES := and shared_arm
+alone: SHARES := and not shared_arm
+shared alone: $(VENV)/dev.stamp
+	@$(BIN)/python -m pytest -m "realtime $(SHARES)" > $(VENV)/$@.txt 2>&1; status=$$?; cat $(VENV)/$@.txt; exit $$status
+
 realtime: $(VENV)/dev.stamp
-	@$(BIN)/python -m pytest -m realtime > $(VENV)/realtime.txt 2>&1; status=$$?; cat $(VENV)/realtime.txt; exit $$status
+	@$(MAKE) --no-print-directory -j 2 shared alone
 
 machines: $(VENV)/dev.stamp ## the tests on slow, busy and fast machines made out of this one (two hours)
 	$(BIN)/python -m tests.machines

@@ -13,9 +13,13 @@ from tests.support.shared_arm import SharedArm
 C_CACHE = Path(__file__).parents[2] / ".pytest_cache" / "libraries of C programs"
 
 
+@pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Those that share the arm come last: it keeps a third of a processor busy, which would slow down the others."""
-    items.sort(key=lambda item: "shared_arm" in getattr(item, "fixturenames", ()))
+    """Mark those that share the arm. They come last: it keeps a third of a processor busy, which slows down others."""
+    for item in items:
+        if "shared_arm" in getattr(item, "fixturenames", ()):
+            item.add_marker(pytest.mark.shared_arm)
+    items.sort(key=lambda item: item.get_closest_marker("shared_arm") is not None)
 
 
 @pytest.fixture(scope="session")
