@@ -196,7 +196,7 @@ def _play(form: Form) -> Iterator[tuple[float, float, float, float]]:
     for frame, setpoint in enumerate(setpoints):
         shift_in(knots, np.array([setpoint]))
         for phase in np.linspace(0.0, 1.0, 40, endpoint=False):
-            reference(form.table, knots, phase, 1.0, 0.0, q, v, a)
+            reference(form.table, knots, np.zeros((2, 1)), phase, 1.0, 0.0, q, v, a)
             yield frame - 3 + phase, q[0], v[0], a[0]
 
 

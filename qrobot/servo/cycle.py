@@ -17,7 +17,7 @@ from qrobot.servo.calibration.procedure import IDLE, calibrate, leave_calibratio
 from qrobot.servo.checks.fault_monitors import watch_timing
 from qrobot.servo.event import report_fault
 from qrobot.servo.hold import hold_position
-from qrobot.servo.kernels.interpolator import reference, shift_extrapolated, stop_profile
+from qrobot.servo.kernels.interpolator import reference, stop_profile
 from qrobot.servo.memory.setpoint_queue import TORQUE_SETPOINT
 from qrobot.servo.modes import gives_torque
 from qrobot.servo.parameters import ServoParameters
@@ -32,7 +32,7 @@ from qrobot.servo.stages.mode_machine import apply_faults, finish_stop, handle_r
 from qrobot.servo.stages.override import take_override
 from qrobot.servo.stages.payload import carry_payload
 from qrobot.servo.stages.publish import publish
-from qrobot.servo.stages.setpoint_stream import advance_phase, frame_is_over, take_frame
+from qrobot.servo.stages.setpoint_stream import advance_phase, frame_is_over, go_on_straight, take_frame
 from qrobot.servo.stages.torque_output import drive, write
 from qrobot.servo.state import (
     ServoState,
@@ -118,7 +118,7 @@ def update_reference(params: ServoParameters, state: ServoState, mail: Any, now_
         state.rate_slope = slope * state.rate_at_stop
         advance_phase(state)
         while frame_is_over(state):
-            shift_extrapolated(state.knots)
+            go_on_straight(params, state)
         follow_path(params, state, state.rate_slope)
         give_way(params, state, left)
         if left == 0.0 and not complies(state, now_ns):
@@ -128,7 +128,10 @@ def update_reference(params: ServoParameters, state: ServoState, mail: Any, now_
 @lean_kernel
 def follow_path(params: ServoParameters, state: ServoState, rate_slope: float) -> None:
     """Take the reference from the path, at the phase and the rate at hand."""
-    reference(params.form, state.knots, state.phase, state.rate, rate_slope, state.q_ref, state.v_ref, state.a_ref)
+    reference(
+        params.form, state.knots, state.rounding, state.phase, state.rate, rate_slope,
+        state.q_ref, state.v_ref, state.a_ref,
+    )  # fmt: skip
 
 
 @lean_kernel

@@ -16,7 +16,7 @@ def hold_position(state: ServoState) -> None:
         state.q_ref[j], state.v_ref[j], state.a_ref[j] = state.q[j], 0.0, 0.0
         state.joint_modes[j] = POSITION_SETPOINT
         state.torque_setpoint[j] = 0.0
-    rest_at(state.knots, state.q_ref)
+    rest_at(state.knots, state.rounding, state.q_ref)
     note_lag(state)
 
 
@@ -27,7 +27,7 @@ def hold_reference(state: ServoState) -> None:
         state.v_ref[j], state.a_ref[j] = 0.0, 0.0
         state.joint_modes[j] = POSITION_SETPOINT
         state.torque_setpoint[j] = 0.0
-    rest_at(state.knots, state.q_ref)
+    rest_at(state.knots, state.rounding, state.q_ref)
 
 
 @lean_kernel

@@ -67,6 +67,7 @@ class ServoState:
     scratch: Any
     dac: Any  # int64
     knots: Any  # (4, n)
+    rounding: Any  # (2, n) how far beside knots 1 and 2 the reference passes, see `servo.kernels.rounding`
     aside: Any  # how far beside its place the newest setpoint was taken, see `servo.kernels.lead_back`
     setpoint: Any
     setpoint_modes: Any  # of the frame being looked at, int64
@@ -201,9 +202,10 @@ def make_state(params: ServoParameters, law: Law) -> ServoState:
         v_seen=vector(), lag=vector(), lag_rate=vector(),
         q_ref=vector(), v_ref=vector(), a_ref=vector(), work=dynamics_work(n),
         gravity=vector(), friction=vector(), tau=vector(), tau_motor=vector(), scratch=vector(), dac=integers(),
-        knots=np.zeros((N_KNOTS, n)), aside=vector(), setpoint=vector(), setpoint_modes=integers(),
-        joint_modes=integers(), torque_setpoint=vector(), frame=make_frame(n), force=np.full(N_COMPONENTS, np.nan),
-        force_zero=np.array(params.wrench.bias), sensors=np.zeros(N_ADCS), adc=make_adc_state(),
+        knots=np.zeros((N_KNOTS, n)), rounding=np.zeros((2, n)), aside=vector(), setpoint=vector(),
+        setpoint_modes=integers(), joint_modes=integers(), torque_setpoint=vector(), frame=make_frame(n),
+        force=np.full(N_COMPONENTS, np.nan), force_zero=np.array(params.wrench.bias),
+        sensors=np.zeros(N_ADCS), adc=make_adc_state(),
         index_watch=make_index_watch(), pots=make_pot_state(n), cal=make_calibration_state(n),
         memory=np.zeros(MEMORY_WORDS),
         swap=make_swap_state(law, params.gains), copies=make_law_copies(n),

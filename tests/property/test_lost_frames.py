@@ -1,4 +1,4 @@
-"""One frame lost where a motion turns as hard as it can: the arm goes on, or stops on its path, and is never cut."""
+"""One frame lost where a motion turns as hard as it can, or none: the arm goes on, no faster than it may be."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from tests.support.campaign import PUMA, N
 
 PERIOD_S = 0.1  # the longest there is: what a lost frame does grows with its length
 AFTER = 9  # frames that are played after the lost one: the turn is over, or the arm at rest
-OUTRUN = 0.03  # of v_max: by how much the reference may exceed it, where the stream itself comes near it
+FASTEST = 1.01  # of v_max: the limit, and a little between the instants at which the speed is looked at
 
 
 @cache
@@ -42,10 +42,10 @@ def there_and_back(speed: float) -> Floats:
 def hard_turn(joint: int) -> Floats:
     """One joint to 0.9 v_max and back at 0.8 a_max, sampled from the exact motion; no generator asks for that much.
 
-    A ramp is never shorter than a frame: the reference through such setpoints is too fast with all frames there.
+    Ramps may be shorter than a frame.
     """
     v, a = 0.9 * PUMA.limits.v_max[joint], 0.8 * PUMA.limits.a_max[joint]
-    ramp = max(v / a, 1.3 * PERIOD_S)
+    ramp = v / a
     times = np.cumsum([0.0, ramp, 0.15, 2.0 * ramp, 0.15, ramp])
     fine = np.arange(0.0, times[-1] + AFTER * PERIOD_S, 1e-4)
     way = np.cumsum(np.interp(fine, times, [0.0, v, v, -v, -v, 0.0])) * 1e-4
@@ -60,12 +60,12 @@ def without(stream: Floats, *lost: int, interpolation: str = "quintic") -> Locks
     rig.ticks(3)
     rig.mailbox.request_power(True)
     rig.run_for(0.1)
-    for seq, q in enumerate(stream[: max(lost) + AFTER]):
+    for seq, q in enumerate(stream[: max(lost, default=len(stream)) + AFTER]):
         if seq not in lost:
             modes = [POSITION_SETPOINT] * N
             rig.mailbox.push_setpoint(1, seq, rig.now_ns, round(PERIOD_S * 1e9), modes, q.tolist())
         rig.run_for(PERIOD_S)
-    assert rig.mailbox.snapshot().missed_frames >= 1
+    assert (rig.mailbox.snapshot().missed_frames >= 1) == bool(lost)
     return rig
 
 
@@ -93,14 +93,13 @@ def test_nor_does_one_of_a_faster_motion(lost: int) -> None:
     assert highest(rig, "v_ref") < 0.9  # the motion itself has 0.75
 
 
-@pytest.mark.parametrize("joint", [0, 1, 2])
-@pytest.mark.parametrize("lost", [3, 4, 5, 6])
-def test_a_turn_at_nearly_all_an_arm_can_do_ends_in_a_stop_on_the_path_at_worst(joint: int, lost: int) -> None:
-    rig = without(hard_turn(joint), lost)
+@pytest.mark.parametrize("joint", range(N))
+@pytest.mark.parametrize("lost", [3, 4, 5, 6, None])
+def test_nor_does_one_of_a_turn_at_nearly_all_an_arm_can_do_within_a_frame(joint: int, lost: int | None) -> None:
+    rig = without(hard_turn(joint), *([] if lost is None else [lost]))
     state = rig.mailbox.snapshot()
-    assert FaultCode(state.event) in (FaultCode.NONE, FaultCode.STREAM_LOST)
-    assert Mode(state.mode) is (Mode.TRACKING if state.event == FaultCode.NONE else Mode.HOLDING)
-    assert highest(rig, "v_ref") <= 1.0 + OUTRUN
+    assert (Mode(state.mode), FaultCode(state.event)) == (Mode.TRACKING, FaultCode.NONE)
+    assert highest(rig, "v_ref") <= FASTEST
     assert highest(rig, "v") <= PUMA.guard.velocity_factor
 
 

@@ -7,6 +7,9 @@ Every form reads four successive setpoints k0..k3, the knots, as k0 and the thre
 The table c is all the compiled interpolator knows of a form (`servo.kernels.interpolator`), and all there is to know:
 delay, continuity, and which motions come out exactly, follow from it by algebra. At rest every step is zero, so every
 form stands still to the last bit.
+
+A form that is faster between the setpoints than its steps has one more column b: where that would be too fast, the
+reference passes beside knot 1 by e1 and beside knot 2 by e2 (`servo.kernels.rounding`), on p(u) + e1 + b(u) (e2 - e1).
 """
 
 from __future__ import annotations
@@ -22,6 +25,7 @@ from qrobot.errors import ConfigError
 
 N_KNOTS: Final = 4
 N_POWERS: Final = 6
+BLEND: Final = N_KNOTS - 1  # its column in the table
 _ROUNDING: Final = 1e-12
 
 Steps = tuple[float, float, float]
@@ -35,17 +39,21 @@ class Form:
         name: what a deployment file calls it.
         coefficients: c, one row per power of u from 0, at most `N_POWERS`; columns are the steps k1-k0, k2-k1, k3-k2.
         about: one line for people.
+        blend: b, powers of u from 0: from 0 to 1 within a frame, as smooth at its ends as the form. None where the
+            reference is never faster than the steps.
     """
 
     name: str
     coefficients: tuple[Steps, ...]
     about: str
+    blend: tuple[float, ...] = ()
 
     @property
     def table(self) -> Floats:
-        """The coefficients with every power spelled out, for the kernels. Shape (6, 3)."""
-        table = np.zeros((N_POWERS, N_KNOTS - 1))
-        table[: len(self.coefficients)] = self.coefficients
+        """The coefficients with every power spelled out, and the blend behind them, for the kernels. Shape (6, 4)."""
+        table = np.zeros((N_POWERS, N_KNOTS))
+        table[: len(self.coefficients), :BLEND] = self.coefficients
+        table[: len(self.blend), BLEND] = self.blend
         return table
 
     @property
@@ -92,7 +100,7 @@ class Form:
         steps = np.diff(np.arange(N_KNOTS, dtype=np.float64) ** power)
         wanted = np.zeros(N_POWERS)
         wanted[: power + 1] = (Polynomial([self.first_knot, 1.0]) ** power).coef
-        return bool(np.allclose(self.table @ steps, wanted, rtol=0.0, atol=_ROUNDING))
+        return bool(np.allclose(self.table[:, :BLEND] @ steps, wanted, rtol=0.0, atol=_ROUNDING))
 
 
 LINEAR: Final = Form(
@@ -105,6 +113,7 @@ CUBIC: Final = Form(
     "cubic",
     ((1.0, 0.0, 0.0), (0.5, 0.5, 0.0), (-1.0, 1.5, -0.5), (0.5, -1.0, 0.5)),
     "through every setpoint; the velocity there is the central difference, the acceleration jumps",
+    (0.0, 0.0, 3.0, -2.0),
 )
 # v_i = (k_{i+1} - k_{i-1}) / 2, a_i = k_{i+1} - 2 k_i + k_{i-1}
 QUINTIC: Final = Form(
@@ -118,6 +127,7 @@ QUINTIC: Final = Form(
         (-1.0, 2.0, -1.0),
     ),
     "through every setpoint; velocity and acceleration there are central differences",
+    (0.0, 0.0, 0.0, 10.0, -15.0, 6.0),
 )
 B_SPLINE: Final = Form(
     "b-spline",

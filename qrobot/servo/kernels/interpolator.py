@@ -18,17 +18,18 @@ from typing import Any, Final
 import numpy as np
 
 from qrobot.realtime.jit import lean_kernel
-from qrobot.servo.kernels.interpolation_polynomials import N_KNOTS, N_POWERS
+from qrobot.servo.kernels.interpolation_polynomials import BLEND, N_KNOTS, N_POWERS
 
 # d/dx of the stop's smooth step 10 x^3 - 15 x^4 + 6 x^5 peaks at 15/8.
 PEAK_SLOPE: Final = 1.875
 
 
 @lean_kernel
-def rest_at(knots: Any, q: Any) -> None:
-    """Fill all knots with `q`: the reference stands there. Shapes (4, n) and (n,)."""
-    for i in range(N_KNOTS):
-        for j in range(q.size):
+def rest_at(knots: Any, rounding: Any, q: Any) -> None:
+    """Fill all knots with `q`: the reference stands there. Shapes (4, n), (2, n) and (n,)."""
+    for j in range(q.size):
+        rounding[0, j] = rounding[1, j] = 0.0
+        for i in range(N_KNOTS):
             knots[i, j] = q[j]
 
 
@@ -52,20 +53,21 @@ def shift_extrapolated(knots: Any) -> None:
 
 
 @lean_kernel
-def line_through(knots: Any, first_knot: int, j: int, phase: float, q: float, step: float) -> None:
-    """Let the reference of joint `j` pass `q` at `phase` on a straight line of `step` per frame. Shape (4, n).
+def line_through(knots: Any, rounding: Any, first_knot: int, j: int, phase: float, q: float, step: float) -> None:
+    """Let the reference of joint `j` pass `q` at `phase` on a straight line of `step` per frame. Shapes (4, n), (2, n).
 
     `first_knot` is where the frames of the form in use begin (`Form.first_knot`).
     """
     for i in range(N_KNOTS):
         knots[i, j] = q + (i - first_knot - phase) * step
+    rounding[0, j] = rounding[1, j] = 0.0
 
 
 @lean_kernel
 def step_weight(table: Any, step: int, phase: float) -> tuple[float, float, float]:
     """Share of one of the three steps between the knots in the reference, and its first two derivatives by phase.
 
-    Horner's rule for a polynomial and its derivatives; `table` has shape (6, 3).
+    Horner's rule for a polynomial and its derivatives; `table` has shape (6, 4), its last column is the blend.
     """
     share, slope, half_curvature = 0.0, 0.0, 0.0
     for m in range(N_POWERS - 1, -1, -1):
@@ -76,12 +78,15 @@ def step_weight(table: Any, step: int, phase: float) -> tuple[float, float, floa
 
 
 @lean_kernel
-def reference(table: Any, knots: Any, phase: float, rate: float, rate_slope: float, q: Any, v: Any, a: Any) -> None:
+def reference(
+    table: Any, knots: Any, rounding: Any, phase: float, rate: float, rate_slope: float, q: Any, v: Any, a: Any
+) -> None:
     """Position, velocity and acceleration at `phase`.
 
     Args:
-        table: coefficients of the form, see `Form.table`. Shape (6, 3).
+        table: coefficients of the form, see `Form.table`. Shape (6, 4).
         knots: the four setpoints around now. Shape (4, n), rad or m.
+        rounding: how far beside knots 1 and 2 the reference passes. Shape (2, n), rad or m.
         phase: u, 0 where the frame begins and 1 where it ends.
         rate: r = du/dt, 1/s.
         rate_slope: dr/dt, 1/s^2.
@@ -90,11 +95,13 @@ def reference(table: Any, knots: Any, phase: float, rate: float, rate_slope: flo
     share1, slope1, curvature1 = step_weight(table, 0, phase)  # the same for every joint
     share2, slope2, curvature2 = step_weight(table, 1, phase)
     share3, slope3, curvature3 = step_weight(table, 2, phase)
+    share4, slope4, curvature4 = step_weight(table, BLEND, phase)
     for j in range(q.size):
         d1, d2, d3 = knots[1, j] - knots[0, j], knots[2, j] - knots[1, j], knots[3, j] - knots[2, j]
-        slope = slope1 * d1 + slope2 * d2 + slope3 * d3
-        curvature = curvature1 * d1 + curvature2 * d2 + curvature3 * d3
-        q[j] = knots[0, j] + share1 * d1 + share2 * d2 + share3 * d3
+        aside, d4 = rounding[0, j], rounding[1, j] - rounding[0, j]
+        slope = slope1 * d1 + slope2 * d2 + slope3 * d3 + slope4 * d4
+        curvature = curvature1 * d1 + curvature2 * d2 + curvature3 * d3 + curvature4 * d4
+        q[j] = knots[0, j] + share1 * d1 + share2 * d2 + share3 * d3 + (aside + share4 * d4)
         v[j] = slope * rate
         a[j] = curvature * rate * rate + slope * rate_slope
 

@@ -12,9 +12,9 @@ With |b| <= a_max T^2 no bend exceeds 1.5 a_max T^2, or `BEND_SLACK` times the m
 is a path that runs up to 1.5 a_max T^2 beside its setpoints and is back within 15 frames, or once the joint is slow
 enough for that.
 
-Sometimes no way leads back (`no_way_back`), and the arm has to stop. Several losses, each of which bends the path
-before it is back, would add up. And between setpoints a path that bends is faster than its steps: with long frames,
-near the greatest speed of a joint, by more than the joint has.
+Several losses, each of which bends the path before it is back, add up: where they would lead it farther aside than one
+can, and than the arm may lag behind its setpoints anyway (`too_far_aside`), the arm has to stop. That a path which
+bends is faster between its setpoints than its steps is a matter of `servo.kernels.rounding`.
 """
 
 from __future__ import annotations
@@ -23,13 +23,11 @@ from typing import Any, Final
 
 from qrobot.faultcodes import NO_JOINT
 from qrobot.realtime.jit import lean_kernel
-from qrobot.servo.kernels.interpolator import step_weight
 from qrobot.servo.memory.setpoint_queue import POSITION_SETPOINT
 
 BEND_SLACK: Final = 1.5
 PULL: Final = 0.1  # of a_max T^2, from frame to frame [A]
 NEGLIGIBLE: Final = 1e-9  # rad or m aside: what rounding makes of a straight line
-LOOKS: Final = 8  # parts of a frame at whose ends its speed is looked at
 SHARE: Final = 0.5  # of D; neither more nor less keeps all bends at 1.5 a_max T^2
 
 
@@ -46,7 +44,7 @@ def lead_back(
     a_max: Any,
     period_s: float,
 ) -> bool:
-    """Move the next setpoints to where the path leads back to them; True when one of them is led.
+    """Move the next setpoints to where the path leads back to them; True when it may bend more than they do there.
 
     A setpoint outside the range stays as it is, for the check of setpoints to refuse; no other is led out of the range.
 
@@ -65,7 +63,7 @@ def lead_back(
         place = setpoint[j]
         if modes[j] != POSITION_SETPOINT or not q_min[j] <= place <= q_max[j]:
             aside[j] = 0.0
-        elif bridged == 1 or aside[j] != 0.0:
+        elif bridged != 0 or aside[j] != 0.0:
             taken = place + aside[j]
             step = taken - knots[3, j]
             if bridged == 1:
@@ -76,7 +74,7 @@ def lead_back(
             taken = min(max(taken, q_min[j]), q_max[j])
             aside[j] = 0.0 if abs(taken - place) <= NEGLIGIBLE else taken - place
             setpoint[j] = place + aside[j]
-            led = led or aside[j] != 0.0
+            led = led or bridged != 0 or aside[j] != 0.0
     return led
 
 
@@ -89,29 +87,9 @@ def _pull(aside: float, step: float, longest_step: float, longest_pull: float) -
 
 
 @lean_kernel
-def no_way_back(
-    table: Any, setpoint: Any, modes: Any, knots: Any, aside: Any, v_max: Any, a_max: Any, period_s: float
-) -> int:
-    """First joint that is led farther aside than one lost frame explains, or faster than v_max, or `NO_JOINT`.
-
-    Args:
-        table: coefficients of the form, see `Form.table`. Shape (6, 3).
-        setpoint, modes: the next one, led back already. Shapes (n,).
-        knots: the four newest knots before it. Shape (4, n).
-        aside: how far it is led aside. Shape (n,).
-        v_max, a_max: limits. Shape (n,).
-        period_s: T.
-    """
-    for j in range(setpoint.size):
-        if not abs(aside[j]) <= BEND_SLACK * a_max[j] * period_s * period_s:
+def too_far_aside(aside: Any, allowed: Any, a_max: Any, period_s: float) -> int:
+    """First joint led farther aside than `allowed` and than one lost frame explains, or `NO_JOINT`. Shapes (n,)."""
+    for j in range(aside.size):
+        if not abs(aside[j]) <= max(allowed[j], BEND_SLACK * a_max[j] * period_s * period_s):
             return j
-    for i in range(LOOKS + 1):
-        _, slope1, _ = step_weight(table, 0, i / LOOKS)
-        _, slope2, _ = step_weight(table, 1, i / LOOKS)
-        _, slope3, _ = step_weight(table, 2, i / LOOKS)
-        for j in range(setpoint.size):
-            d1, d2, d3 = knots[2, j] - knots[1, j], knots[3, j] - knots[2, j], setpoint[j] - knots[3, j]
-            slope = slope1 * d1 + slope2 * d2 + slope3 * d3
-            if modes[j] == POSITION_SETPOINT and not abs(slope) <= v_max[j] * period_s:
-                return j
     return NO_JOINT

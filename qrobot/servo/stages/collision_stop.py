@@ -62,7 +62,7 @@ def give_way(params: ServoParameters, state: ServoState, left: float) -> None:
 @lean_kernel
 def stand_at(params: ServoParameters, state: ServoState, j: int, q: float) -> None:
     """Let the reference of joint `j` be at `q`, at rest."""
-    line_through(state.knots, params.first_knot, j, state.phase, q, 0.0)
+    line_through(state.knots, state.rounding, params.first_knot, j, state.phase, q, 0.0)
     state.q_ref[j], state.v_ref[j], state.a_ref[j] = q, 0.0, 0.0
 
 

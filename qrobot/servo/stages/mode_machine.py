@@ -84,7 +84,9 @@ def _end_torque_mode(params: ServoParameters, state: ServoState) -> None:
             state.joint_modes[j] = POSITION_SETPOINT
             state.torque_setpoint[j] = 0.0
             state.v_ref[j] = state.v[j]
-            line_through(state.knots, params.first_knot, j, state.phase, state.q[j], state.v[j] / state.rate)
+            line_through(
+                state.knots, state.rounding, params.first_knot, j, state.phase, state.q[j], state.v[j] / state.rate
+            )
 
 
 @lean_kernel

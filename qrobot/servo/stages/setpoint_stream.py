@@ -22,7 +22,8 @@ from qrobot.realtime.jit import lean_kernel
 from qrobot.servo.checks.limit_checks import check_first_setpoint, check_setpoint
 from qrobot.servo.checks.tip_speed import check_tip_step
 from qrobot.servo.kernels.interpolator import line_through, rest_at, shift_extrapolated, shift_in
-from qrobot.servo.kernels.lead_back import BEND_SLACK, lead_back, no_way_back
+from qrobot.servo.kernels.lead_back import BEND_SLACK, lead_back, too_far_aside
+from qrobot.servo.kernels.rounding import round_corner
 from qrobot.servo.memory.setpoint_queue import (
     POSITION_SETPOINT,
     QUEUE_CAPACITY,
@@ -115,7 +116,7 @@ def start_stream(params: ServoParameters, state: ServoState, now_ns: int) -> Non
     state.next_seq = state.frame.seq
     state.last_arrival_ns = now_ns
     state.misses = state.bridged = 0
-    rest_at(state.knots, state.q_ref)
+    rest_at(state.knots, state.rounding, state.q_ref)
     for j in range(state.q.size):
         state.aside[j] = 0.0
     overdue_s = min(now_ns - state.play_at_ns, params.period_ns) * 1e-9
@@ -152,9 +153,9 @@ def take_frame(params: ServoParameters, state: ServoState, mail: Any, now_ns: in
             break
         code, joint = _judge_frame(params, state)
         if code == 0:
-            _accept_frame(state, now_ns)
+            _accept_frame(params, state, now_ns)
         else:
-            shift_extrapolated(state.knots)
+            go_on_straight(params, state)
         state.next_seq += 1
         drop_frame(mail)
         return code, joint
@@ -162,7 +163,7 @@ def take_frame(params: ServoParameters, state: ServoState, mail: Any, now_ns: in
     state.misses += 1
     state.missed_frames += 1
     state.bridged = 1
-    shift_extrapolated(state.knots)
+    go_on_straight(params, state)
     return (STREAM_LOST if state.misses >= LOST_AFTER_FRAMES else 0), NO_JOINT
 
 
@@ -174,7 +175,15 @@ def _judge_frame(params: ServoParameters, state: ServoState) -> tuple[int, int]:
     for j in range(state.q.size):
         if state.joint_modes[j] == TORQUE_SETPOINT and state.setpoint_modes[j] != TORQUE_SETPOINT:
             # back to a position: from where the joint is, at the speed it has
-            line_through(state.knots, params.first_knot, j, state.phase + 1.0, state.q[j], state.v[j] / state.rate)
+            line_through(
+                state.knots,
+                state.rounding,
+                params.first_knot,
+                j,
+                state.phase + 1.0,
+                state.q[j],
+                state.v[j] / state.rate,
+            )
         if state.setpoint_modes[j] == 0:
             state.setpoint_modes[j], state.setpoint[j] = POSITION_SETPOINT, state.knots[3, j] - state.aside[j]
     period_s = state.frame_ns * 1e-9
@@ -187,10 +196,7 @@ def _judge_frame(params: ServoParameters, state: ServoState) -> tuple[int, int]:
         params.v_setpoint, params.a_setpoint, params.tau_setpoint, period_s, BEND_SLACK if led else 1.0,
     )  # fmt: skip
     if code == 0 and led:
-        joint = no_way_back(
-            params.form, state.setpoint, state.setpoint_modes, state.knots, state.aside,
-            params.v_max, params.a_setpoint, period_s,
-        )  # fmt: skip
+        joint = too_far_aside(state.aside, params.following_error, params.a_setpoint, period_s)
         code = STREAM_LOST if joint != NO_JOINT else 0
     if code == 0:
         code = check_tip_step(
@@ -203,7 +209,7 @@ def _judge_frame(params: ServoParameters, state: ServoState) -> tuple[int, int]:
 
 
 @lean_kernel
-def _accept_frame(state: ServoState, now_ns: int) -> None:
+def _accept_frame(params: ServoParameters, state: ServoState, now_ns: int) -> None:
     for j in range(state.q.size):
         state.joint_modes[j] = state.setpoint_modes[j]
         if state.setpoint_modes[j] == TORQUE_SETPOINT:
@@ -212,10 +218,18 @@ def _accept_frame(state: ServoState, now_ns: int) -> None:
         else:
             state.torque_setpoint[j] = 0.0
     shift_in(state.knots, state.setpoint)
+    round_corner(params.form, state.knots, state.rounding, params.v_max, state.frame_ns * 1e-9)
     _follow_phase(state, now_ns)
     state.last_arrival_ns = min(state.frame.t_ns, now_ns)  # no frame has come from the future
     state.misses = 0
     state.bridged = 2 if state.bridged == 1 else 0
+
+
+@lean_kernel
+def go_on_straight(params: ServoParameters, state: ServoState) -> None:
+    """Go on at the last velocity, by one frame."""
+    shift_extrapolated(state.knots)
+    round_corner(params.form, state.knots, state.rounding, params.v_max, state.frame_ns * 1e-9)
 
 
 @lean_kernel

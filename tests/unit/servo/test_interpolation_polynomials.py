@@ -30,7 +30,7 @@ def test_the_quintics_table_is_the_hermite_polynomial_with_central_differences()
     powers = np.arange(6)
     rows = [np.eye(6)[0], np.eye(6)[1], 2 * np.eye(6)[2], np.ones(6), powers, powers * (powers - 1)]
     wanted = np.linalg.solve(np.array(rows, dtype=float), ends)
-    steps = QUINTIC.table @ np.diff([k0, k1, k2, k3])
+    steps = QUINTIC.table[:, :3] @ np.diff([k0, k1, k2, k3])
     steps[0] += k0
     np.testing.assert_allclose(steps, wanted, atol=1e-12)
 

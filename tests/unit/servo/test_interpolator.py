@@ -27,10 +27,11 @@ RATE = 1.0 / FRAME_S
 
 
 def at(
-    form: Form, knots: Vector, phase: float, rate: float = RATE, slope: float = 0.0
+    form: Form, knots: Vector, phase: float, rate: float = RATE, slope: float = 0.0, rounding: Vector | None = None
 ) -> tuple[Vector, Vector, Vector]:
-    q, v, a = np.zeros(knots.shape[1]), np.zeros(knots.shape[1]), np.zeros(knots.shape[1])
-    reference(form.table, knots, phase, rate, slope, q, v, a)
+    n = knots.shape[1]
+    q, v, a = np.zeros(n), np.zeros(n), np.zeros(n)
+    reference(form.table, knots, np.zeros((2, n)) if rounding is None else rounding, phase, rate, slope, q, v, a)
     return q, v, a
 
 
@@ -115,10 +116,36 @@ def test_one_degree_more_does_not_come_out_exactly(form: Form) -> None:
     assert np.abs(errors).max() > 0.01
 
 
+@pytest.mark.parametrize("name", ["cubic", "quintic"])
+@given(knots_of_two_joints, st.floats(-3.0, 3.0))
+def test_a_reference_passes_beside_its_knots_as_far_as_it_is_told_and_as_smoothly_as_its_form(
+    name: str, knots: Vector, following: float
+) -> None:
+    form, rounding = FORMS[name], np.array([[0.1, -0.2], [0.3, 0.0]])
+    before = at(form, knots, 1.0, rounding=rounding)
+    np.testing.assert_allclose(at(form, knots, 0.0, rounding=rounding)[0], knots[1] + rounding[0], atol=1e-12)
+    np.testing.assert_allclose(before[0], knots[2] + rounding[1], atol=1e-12)
+    shift_in(knots, np.full(2, following))
+    after = at(form, knots, 0.0, rounding=np.array([rounding[1], [0.4, -0.5]]))
+    for order in range(form.continuity + 1):
+        np.testing.assert_allclose(before[order], after[order], atol=1e-10 * RATE**order)
+
+
+@given(knots_of_two_joints, st.floats(0.0, 1.0))
+def test_beside_its_knots_by_a_sixth_of_the_bend_the_quintic_and_the_cubic_are_the_b_spline(
+    knots: Vector, phase: float
+) -> None:
+    bends = np.diff(knots, 2, axis=0)
+    wanted = at(FORMS["b-spline"], knots, phase)
+    for name in ("quintic", "cubic"):
+        for value, right in zip(at(FORMS[name], knots, phase, rounding=bends / 6.0), wanted, strict=True):
+            np.testing.assert_allclose(value, right, atol=1e-9 * RATE**2)
+
+
 @every_form
 def test_a_reference_at_rest_stands_still_to_the_last_bit(form: Form) -> None:
     knots, q_rest = np.zeros((4, 3)), np.array([0.1, -0.2, 0.3])
-    rest_at(knots, q_rest)
+    rest_at(knots, np.ones((2, 3)), q_rest)
     for phase in (0.0, 0.4, 1.0):
         q, v, a = at(form, knots, phase)
         assert np.array_equal(q, q_rest)
@@ -182,9 +209,9 @@ def test_a_stop_keeps_free_what_the_arm_outruns_its_reference_by_but_for_half_th
 def test_a_line_passes_where_it_is_told_at_the_speed_it_is_told(
     form: Form, phase: float, q: float, step: float
 ) -> None:
-    knots = np.zeros((4, 2))
-    line_through(knots, form.first_knot, 1, phase, q, step)
-    position, velocity, acceleration = at(form, knots, phase)
+    knots, rounding = np.zeros((4, 2)), np.array([[0.0, 0.1], [0.0, 0.2]])
+    line_through(knots, rounding, form.first_knot, 1, phase, q, step)
+    position, velocity, acceleration = at(form, knots, phase, rounding=rounding)
     np.testing.assert_allclose(position, [0.0, q], atol=1e-12)
     np.testing.assert_allclose(velocity, [0.0, step * RATE], atol=1e-9)
     np.testing.assert_allclose(acceleration, 0.0, atol=1e-8)

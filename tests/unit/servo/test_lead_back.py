@@ -11,15 +11,15 @@ from hypothesis import strategies as st
 
 from qrobot.arrays import Floats
 from qrobot.faultcodes import NO_JOINT
-from qrobot.servo.kernels.interpolation_polynomials import FORMS, Form
-from qrobot.servo.kernels.interpolator import reference, shift_extrapolated, shift_in
-from qrobot.servo.kernels.lead_back import BEND_SLACK, PULL, lead_back, no_way_back
+from qrobot.servo.kernels.interpolator import shift_extrapolated, shift_in
+from qrobot.servo.kernels.lead_back import BEND_SLACK, PULL, lead_back, too_far_aside
 from qrobot.servo.memory.setpoint_queue import POSITION_SETPOINT, TORQUE_SETPOINT
 
 T = 0.1
 V_MAX, A_MAX = np.array([1.4]), np.array([12.0])
 ANYWHERE = np.array([np.inf])
 FRAMES = 30
+ALLOWED = np.array([0.2])
 POSITION = np.array([POSITION_SETPOINT])
 TORQUE = np.array([TORQUE_SETPOINT])
 # what to do with the speed in each frame, as a share of a_max: the extremes, and anything between
@@ -123,21 +123,17 @@ def test_at_full_speed_the_path_waits_beside_its_setpoints_until_the_joint_is_sl
     assert aside[0] == pytest.approx(speed * (PULL * A_MAX[0] * T**2 - 0.05))
 
 
-@given(st.lists(st.floats(-1.2, 1.2), min_size=4, max_size=4), st.sampled_from(list(FORMS.values())))
-def test_no_way_leads_back_where_the_reference_would_be_too_fast(places: list[float], form: Form) -> None:
-    knots = 1.5 * V_MAX[0] * T * np.array(places)[:, None]
-    before = np.vstack([np.zeros((1, 1)), knots[:3]])
-    q, v, a = np.zeros(1), np.zeros(1), np.zeros(1)
-    fastest = 0.0
-    for phase in np.linspace(0.0, 1.0, 401):
-        reference(form.table, knots, phase, 1.0 / T, 0.0, q, v, a)
-        fastest = max(fastest, abs(v[0]))
-    joint = no_way_back(form.table, knots[3], POSITION, before, np.zeros(1), V_MAX, A_MAX, T)
-    if fastest <= V_MAX[0]:
-        assert joint == NO_JOINT
-    elif fastest > 1.05 * V_MAX[0]:  # it looks at nine instants of the frame
-        assert joint == 0
-    assert no_way_back(form.table, knots[3], TORQUE, before, np.zeros(1), V_MAX, A_MAX, T) == NO_JOINT
+def test_the_frame_after_the_next_may_bend_more_than_its_stream_even_where_the_next_is_in_its_place() -> None:
+    """Second differences of -0.5, 1 and 1 around a lost frame: none at the next, 1.5 at the one after it."""
+    knots, aside = np.array([[0.0], [0.0], [0.0], [0.0]]), np.zeros(1)
+    unit = A_MAX[0] * T**2
+    bends = []
+    for bridged, place in ((1, 0.0), (2, 1.5 * unit)):
+        setpoint = np.array([place])
+        assert lead_back(setpoint, POSITION, knots, aside, bridged, -ANYWHERE, ANYWHERE, V_MAX, A_MAX, T)
+        bends.append(float(setpoint[0] - 2.0 * knots[3, 0] + knots[2, 0]))
+        shift_in(knots, setpoint)
+    assert bends == pytest.approx([0.0, BEND_SLACK * unit])
 
 
 def test_a_motion_of_constant_velocity_comes_back_at_once() -> None:
@@ -151,7 +147,7 @@ def test_of_any_losses_either_the_path_stays_within_what_one_may_do_or_no_way_le
     shares: list[float], lost: set[int]
 ) -> None:
     """As many losses as there may be without two in a row; a stop ends the stream."""
-    stream, table = legal_stream(shares), FORMS["quintic"].table
+    stream = legal_stream(shares)
     knots, aside, bridged = np.zeros((4, 1)), np.zeros(1), 0
     for seq, place in enumerate(stream):
         if seq in lost and seq - 1 not in lost:
@@ -160,9 +156,9 @@ def test_of_any_losses_either_the_path_stays_within_what_one_may_do_or_no_way_le
             continue
         setpoint = np.array([place])
         led = lead_back(setpoint, POSITION, knots, aside, bridged, -ANYWHERE, ANYWHERE, V_MAX, A_MAX, T)
-        if led and no_way_back(table, setpoint, POSITION, knots, aside, V_MAX, A_MAX, T) != NO_JOINT:
+        if led and too_far_aside(aside, ALLOWED, A_MAX, T) != NO_JOINT:
             return
         shift_in(knots, setpoint)
         bridged = 2 if bridged == 1 else 0
-        assert abs(setpoint[0] - place) <= BEND_SLACK * A_MAX[0] * T**2
+        assert abs(setpoint[0] - place) <= max(ALLOWED[0], BEND_SLACK * A_MAX[0] * T**2)
     assert aside[0] == 0.0
