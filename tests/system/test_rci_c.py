@@ -22,6 +22,7 @@ from qrobot.modecodes import Mode
 from qrobot.rccl.c.program import run_executable
 from qrobot.rccl.offline import OfflineLink
 from qrobot.rci.robot_data import RobotData
+from qrobot.realtime.setup import may_lock_all
 from qrobot.rig.lockstep import LockstepRig, link_factory
 from qrobot.servo.settings import ServoSettings
 from qrobot.sim_board.emulator import Emulator
@@ -52,6 +53,24 @@ int main(int n, char **words)
         return 8;
     control();
     return 9;
+}
+"""
+LOCKED = """
+#include "rci.h"
+#include <stdio.h>
+static RCI_TASK *td;
+static void rest(RCI_TASK *td) { (void) td; }
+static int over(void) { return rci_runs(td) > 2; }
+int main(void)
+{
+    char line[256];
+    FILE *status;
+    if ((td = rci_create("watch", "")) == 0 || rci_control(td, rest, 0, 0) || rci_onclock(td, 1, 0) ||
+        rci_start(td->bit) || rci_wait(over) || (status = fopen("/proc/self/status", "r")) == NULL)
+        return 1;
+    while (fgets(line, sizeof line, status))
+        fputs(line, stdout);
+    return fclose(status);
 }
 """
 CONVERSIONS = """
@@ -228,6 +247,17 @@ def test_tasks_of_several_processors_in_real_time_leave_nothing_to_find(make: Ma
             "task rogue: one of its functions takes longer than 0.05 s and was given up",
             "task device: its device was closed",
         ]
+
+
+@pytest.mark.realtime
+def test_the_memory_of_a_program_with_tasks_is_locked_where_that_is_allowed(make: Make, tmp_path: Path) -> None:
+    source = tmp_path / "locked.c"
+    source.write_text(LOCKED)
+    done = subprocess.run(
+        [make(source, flags=("-O2",))], capture_output=True, text=True, timeout=PATIENCE_S, check=True
+    )
+    kept = {name: int(re.search(rf"{name}:\s+(\d+) kB", done.stdout)[1]) for name in ("VmLck", "VmSize")}
+    assert (kept["VmLck"] > kept["VmSize"] // 2) is may_lock_all()
 
 
 @pytest.mark.realtime

@@ -3,11 +3,14 @@
 
 #include <sched.h>
 #include <signal.h>
+#include <sys/mman.h>
 #include <sys/prctl.h>
+#include <sys/resource.h>
 
 #define PRIORITY 20            /* of qrobot/rci/host_thread.py: behind bridge and servo, ahead of ordinary programs */
 #define SILENT_NS (2 * NS)     /* a robot that says nothing for so long is gone */
 #define LOOK_NS (NS / 10)
+#define CAP_IPC_LOCK 14        /* linux/capability.h */
 
 static struct seat *lost_seats; /* of threads that never came back */
 
@@ -264,6 +267,34 @@ static void *run(void *argument)
     return NULL;
 }
 
+/* Whether any amount of memory may be locked, by the limit or by a capability. */
+static int may_lock_all(void)
+{
+    unsigned long long capabilities = 0;
+    struct rlimit limit;
+    char line[128];
+    FILE *status;
+
+    if (getrlimit(RLIMIT_MEMLOCK, &limit) == 0 && limit.rlim_cur == RLIM_INFINITY)
+        return 1;
+    if ((status = fopen("/proc/self/status", "re")) == NULL)
+        return 0;
+    while (fgets(line, sizeof line, status) != NULL && sscanf(line, "CapEff: %llx", &capabilities) != 1)
+        continue;
+    fclose(status);
+    return (int)(capabilities >> CAP_IPC_LOCK & 1);
+}
+
+/* Keep all pages of the program in memory, those to come as well. With a finite limit later allocations would fail. */
+static void lock_memory(void)
+{
+    static int done;
+
+    if (!done && may_lock_all())
+        (void)mlockall(MCL_CURRENT | MCL_FUTURE);
+    done = 1;
+}
+
 /* Give a processor a thread, which has no signals: those are the planning program's. The lock is held. */
 static int take_seat(struct processor *processor)
 {
@@ -277,6 +308,7 @@ static int take_seat(struct processor *processor)
     processor->seat = seat;
     if (rci_program.virtual_time)
         return 0;
+    lock_memory();
     sigfillset(&all);
     pthread_sigmask(SIG_SETMASK, &all, &before);
     error = pthread_create(&seat->thread, NULL, run, seat);
