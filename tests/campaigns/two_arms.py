@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from math import isfinite
+
 from tests.support.two_arm_deaths import KINDS, Verdict, deaths, judge
 
 
@@ -14,9 +16,8 @@ def campaign(times: int) -> int:
         if verdict.wrong:
             print(f"{death}: {verdict.wrong}", flush=True)
     for kind, told in verdicts.items():
-        most_frames, most_mm = max(each.frames for each in told), max(each.torn_mm for each in told)
+        frames, torn_mm = max(each.frames for each in told), max(each.torn_mm for each in told)
         wrong = sum(bool(each.wrong) for each in told)
-        print(
-            f"{kind}: {len(told)} deaths, {wrong} wrong, {most_frames} frames and {most_mm:.1f} mm at most", flush=True
-        )
+        apart = f" and {torn_mm:.1f} mm" if isfinite(torn_mm) else ""
+        print(f"{kind}: {len(told)} deaths, {wrong} wrong, {frames} frames{apart} at most", flush=True)
     return sum(bool(each.wrong) for told in verdicts.values() for each in told)
