@@ -247,14 +247,21 @@ class Interpreter:
             raise
 
     def _pause_on_way_back(self) -> None:
-        """Let the arm stand still on its way, and wait until it does; another Ctrl-C meanwhile changes nothing."""
+        """Let the arm stand still on its way, and wait until it does; another Ctrl-C meanwhile changes nothing.
+
+        One that has come to its path just now rests there, with its motions unfinished.
+        """
         arm = self.machine.arm
         if not arm.kept:
             arm.pause()
         until_s = arm.time_s + STANDSTILL_S
-        while arm.time_s < until_s:
+        while arm.off_path and arm.time_s < until_s:
             with suppress(KeyboardInterrupt):
                 arm.sample()
+        if not arm.off_path:
+            self._come_to_rest()
+            self._unfinished = arm.unfinished() + self._unfinished
+            arm.resume()
 
     def _run(self, single: bool) -> RunState:
         self.state, self.message, self.error = RunState.RUNNING, "", None

@@ -64,6 +64,39 @@ def _ctrl_c() -> None:
 
 
 @pytest.mark.parametrize("library", ["rccl", "arcl"])
+def test_ctrl_c_at_the_sample_in_which_the_arm_comes_to_its_path_leaves_the_rest_to_proceed(library: str) -> None:
+    rig = LockstepRig(ROBOT, ServoSettings(rate_hz=1000.0), Emulator(ROBOT, physics="rigid"), keep_telemetry=False)
+    with arm_in_lockstep(rig, library) as arm:
+        monitor = ValMonitor(Interpreter(arm, lambda _: None, lambda _: ""))
+        sample, passed, interrupted = arm.sample, [0], [0]
+
+        def sampled() -> None:
+            before = arm.off_path
+            sample()
+            passed[0] += 1
+            if passed[0] == STOPPED_AT:
+                rig.mailbox.request_power_off()
+            if before and not arm.off_path:
+                interrupted[0] += 1
+                raise KeyboardInterrupt
+
+        arm.sample = sampled  # type: ignore[method-assign]
+        monitor.obey("SPEED 100")
+        monitor.obey("DO DRIVE 1, 60, 100")
+        for _ in range(60):
+            arm.sample()
+        assert "interrupted" in monitor.obey("PROCEED")
+        assert interrupted == [1]
+        here = arm.q.copy()
+        for _ in range(10):
+            arm.sample()
+        assert np.abs(arm.q - here).max() < 1e-3
+        assert monitor.obey("PROCEED") == "completed"
+        assert np.degrees(arm.q[0] - ROBOT.poses["park"][0]) == pytest.approx(60.0, abs=0.3)
+        assert monitor.obey("DO DRIVE 1, -60, 100") == ""
+
+
+@pytest.mark.parametrize("library", ["rccl", "arcl"])
 def test_an_arm_that_was_stopped_at_rest_is_led_back_before_proceed_answers(library: str) -> None:
     rig = LockstepRig(ROBOT, ServoSettings(rate_hz=1000.0), Emulator(ROBOT, physics="rigid"), keep_telemetry=False)
     with arm_in_lockstep(rig, library) as arm:
