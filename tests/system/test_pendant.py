@@ -64,6 +64,14 @@ with rccl.control("puma560") as arm:
         arm.move(arm.jposition("swing", [waist + degrees, *others]))
     arm.waitfor(arm.completed)
 """
+THERE_AND_BACK = """
+const ahead = pendant.view.figures[0].ahead, waist = (q) => Float32Array.of(q, 0, 0, 0, 0, 0), left = [];
+const way = Array.from({ length: 201 }, (_, k) => waist(1 - Math.abs(k - 100) / 100));
+ahead.load({ samples: way.length, joints: 6, sample: (k) => way[k] });
+for (const q of arguments[0]) ahead.follow(waist(q)), left.push(ahead.points);
+ahead.forget();
+return left;
+"""
 TOOL_COLOUR = (192, 57, 43)  # of the marker at the tool's tip
 AROUND_PX = 14
 ELBOW, LEADING_N_M, LED_RAD, LED_S = 2, 12.0, 0.03, 1.5  # friction holds a PUMA against less
@@ -224,6 +232,7 @@ def test_an_arm_is_driven_from_one_page_and_a_page_that_stalls_or_dies_moves_it_
         the_arm_is_seen_where_its_kinematics_says(page)
         the_page_knows_how_far_off_each_fence_is(page, pendant)
         every_tab_opens(page)
+        the_path_ahead_of_one_that_returns_is_not_cut_short(page)
         a_log_is_opened_while_it_is_written(page)
         drive(page)
         the_scope_waits_for_a_motion(page)
@@ -388,6 +397,11 @@ def a_program_is_paused_while_no_page_drives_led_back_to_its_path_and_ended_by_s
 def points_ahead(page: Page) -> float:
     """Points of the path that is drawn ahead of the first arm."""
     return float(page.run("return pendant.view.figures[0].ahead.points"))  # type: ignore[arg-type]
+
+
+def the_path_ahead_of_one_that_returns_is_not_cut_short(page: Page) -> None:
+    """There by a radian and back: the same places lie ahead once more until the turn, also when some were not seen."""
+    assert page.run(THERE_AND_BACK, [0.2, 0.5, 1.0, 0.8, 0.3]) == [181, 151, 101, 81, 31]
 
 
 def let_it_go_on(page: Page, arm: RunningArm) -> None:

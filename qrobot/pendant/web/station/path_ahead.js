@@ -7,7 +7,6 @@ import { readSetpoints } from "./setpoints.js";
 
 const COLOUR = 0xb35c00, DOT_PX = 5, SPACING = 0.02; // m between dots
 const STEP = 2e-3; // rad or m: setpoints closer together than this are one point of the path
-const LOOK_AHEAD = 150; // points among which the arm is looked for, from where it was
 const NEAR = 0.1; // rad or m of a joint: farther off, the arm is not on its path
 
 export class PathAhead {
@@ -50,14 +49,13 @@ export class PathAhead {
     this.dots.visible = this.q.length > 1;
   }
 
-  // Look for the setpoint on the path, never back; what lies behind it is drawn no longer.
+  // Look for the setpoint on the path, never back: the first point near it, and on while the next one is nearer. So a
+  // path that returns is not cut short. What lies behind the setpoint is drawn no longer.
   follow(setpoint) {
-    let nearest = NEAR, found = -1;
-    for (let k = this.at; k < Math.min(this.at + LOOK_AHEAD, this.q.length); k++) {
-      const off = distance(setpoint, this.q[k]);
-      if (off < nearest) [nearest, found] = [off, k];
-    }
-    if (found <= this.at) return false;
+    let found = this.at;
+    while (found < this.q.length && distance(setpoint, this.q[found]) > NEAR) found += 1;
+    while (found + 1 < this.q.length && distance(setpoint, this.q[found + 1]) <= distance(setpoint, this.q[found])) found += 1;
+    if (found === this.at || found === this.q.length) return false;
     this.at = found;
     const behind = this.places.findIndex((place) => place > this.at);
     this.dots.geometry.setDrawRange(behind < 0 ? this.places.length : behind, Infinity);
