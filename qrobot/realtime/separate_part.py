@@ -61,7 +61,7 @@ def stand_apart(entry: Any, told_below: Callable[[Any], set[str]]) -> None:
         end_part(told_below(entry.py_func))
         return compiled
 
-    entry.callee, entry.compile = entry, compile
+    entry.callee, entry.compile = lambda: entry, compile
     entry.get_call_template = lambda args, kws: template(tuple(map(types.unliteral, args)), kws)
 
 

@@ -11,6 +11,7 @@ import hashlib
 import re
 from collections.abc import Iterator
 from functools import cache
+from os.path import isfile
 from pathlib import Path
 from typing import Final
 
@@ -29,7 +30,7 @@ def source_stamp(path: Path) -> str:
 
 def forget_stamps() -> None:
     """Look at the sources anew: one may have changed while the program runs."""
-    for cached in (source_stamp, _digest, _imported):
+    for cached in (source_stamp, _digest, _imported, _file_of):
         cached.cache_clear()
 
 
@@ -61,8 +62,7 @@ def _files_named(text: str) -> Iterator[Path]:
             yield from _file_of(f"{package}.{name.split(' as ')[0].strip()}")
 
 
-def _file_of(module: str) -> Iterator[Path]:
-    base = PACKAGE.joinpath(*module.split(".")[1:])
-    for path in (base.with_suffix(".py"), base / "__init__.py"):
-        if path.is_file():
-            yield path
+@cache
+def _file_of(module: str) -> tuple[Path, ...]:
+    base = "/".join((str(PACKAGE), *module.split(".")[1:]))
+    return tuple(Path(path) for path in (f"{base}.py", f"{base}/__init__.py") if isfile(path))

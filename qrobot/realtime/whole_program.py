@@ -20,6 +20,7 @@ import hashlib
 import inspect
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import cache
 from pathlib import Path
 from types import CodeType
 from typing import Any, Final
@@ -28,6 +29,7 @@ import llvmlite.binding as llvm
 from numba import types
 from numba.core import compiler, typed_passes, typing, untyped_passes
 from numba.core.codegen import CodeLibrary, JITCodeLibrary
+from numba.core.compiler_lock import global_compiler_lock
 from numba.core.errors import ForceLiteralArg, TypingError
 from numba.core.registry import CPUDispatcher
 from numba.core.serialize import dumps
@@ -275,10 +277,22 @@ def separate(entry: Any) -> None:
 
 
 def split(entry: Any) -> None:
-    """Let kernels call the other half of `entry`, which was made with the `EntryCompiler`."""
-    callee = _Callee(entry.py_func, targetoptions=entry.targetoptions, pipeline_class=_CalleeCompiler)
+    """Let kernels call the other half of `entry`, which was made with the `EntryCompiler`.
+
+    That half is made when it is asked for: a process that finds its entries in the cache needs none of the others.
+    """
+
+    @cache
+    def made() -> _Callee:
+        return _Callee(entry.py_func, targetoptions=entry.targetoptions, pipeline_class=_CalleeCompiler)
+
+    def callee() -> _Callee:
+        with global_compiler_lock:
+            return made()
+
     entry.callee = callee
-    entry.get_call_template, entry.get_overload = callee.get_call_template, callee.get_overload
+    entry.get_call_template = lambda args, kws: callee().get_call_template(args, kws)
+    entry.get_overload = lambda signature: callee().get_overload(signature)
 
 
 def _digest_of(function: Any, arguments: str) -> str:
@@ -326,7 +340,8 @@ def callees_below(function: Any) -> set[Any]:
     waiting = [function]
     while waiting:
         scope = inspect.getclosurevars(waiting.pop())
-        new = {half.callee for half in (*scope.globals.values(), *scope.nonlocals.values()) if hasattr(half, "callee")}
+        named = (*scope.globals.values(), *scope.nonlocals.values())
+        new = {half.callee() for half in named if hasattr(half, "callee")}
         waiting += [callee.py_func for callee in new - found]
         found |= new
     return found

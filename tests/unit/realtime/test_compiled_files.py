@@ -32,7 +32,7 @@ def inner(x):
 def outer(x):
     return inner(x) + 1.0
 
-print(outer(2.0), sum(outer.stats.cache_hits.values()), len(inner.callee.overloads))
+print(outer(2.0), sum(outer.stats.cache_hits.values()), len(inner.callee().overloads))
 """
 COMPILED, LOADED = "5.0 0 1", "5.0 1 0"
 

@@ -70,7 +70,7 @@ def compile_anew(*entries: Any) -> None:
 
 def callee(half: Any) -> Any:
     """What other kernels call of a kernel."""
-    return half.callee
+    return half.callee()
 
 
 def test_what_only_kernels_call_has_no_machine_code_of_its_own() -> None:
