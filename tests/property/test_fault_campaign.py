@@ -66,7 +66,7 @@ CASES = (
     Case("encoder:6 wrong 900", (F.ENC_JUMP,), 3),
     Case("encoder:3 garbage", (F.ENC_JUMP,), 3),
     Case("encoder:2 stuck", (F.ENC_STUCK,), 3, 3.0),
-    Case("encoder:6 stuck", (F.ENC_STUCK,), 2, 2.0),
+    Case("encoder:6 stuck", (F.ENC_STUCK,), 3, 3.0),
     Case("encoder:1 reversed", (F.COLLISION,), 3, 3.5, ends=(F.RUNAWAY,)),
     Case("encoder:3 reversed", (F.COLLISION,), 3, 4.0, ends=(F.RUNAWAY,)),
     Case("encoder:4 reversed", (F.COLLISION,), 3, 3.5, ends=(F.RUNAWAY,)),

@@ -31,6 +31,7 @@ from qrobot.servo.checks.motor_fault_diagnosis import (
 from qrobot.servo.checks.potentiometer_monitor import pot_is_watching
 from qrobot.servo.checks.timing_checks import check_overrun, check_slowness, grown_row, skipped_points
 from qrobot.servo.event import report_event, report_fault, report_warning
+from qrobot.servo.kernels.velocity import Estimator
 from qrobot.servo.memory.stop_record import note_incident
 from qrobot.servo.modes import gives_torque, gives_way, wants_power
 from qrobot.servo.parameters import ServoParameters
@@ -38,6 +39,7 @@ from qrobot.servo.state import (
     ServoState,
 )
 
+DIFFERENCE: Final = int(Estimator.DIFFERENCE)
 HOLDING: Final = int(Mode.HOLDING)
 TRACKING: Final = int(Mode.TRACKING)
 STOPPING: Final = int(Mode.STOPPING)
@@ -109,16 +111,19 @@ def watch_modules(state: ServoState) -> None:
 
 @lean_kernel
 def follow_counts(params: ServoParameters, state: ServoState, dt: float) -> None:
-    """Note, after a new sample `dt` seconds later, which encoders count, and how fast the joint was when one last
-    did."""
+    """Note, after a new sample `dt` seconds later, which encoders count, and how fast the motor was when one last did.
+
+    Where motors are coupled, one stands at times while its joint moves.
+    """
     watch = state.watch
     watch.sample_s = dt
+    motor_rates(state.v, params.transmission, state.scratch)
     for j in range(state.q.size):
         step = (state.counts[j] - watch.counts[j]) * params.watch.count_way[j]
         watch.step[j] = step
         if step != 0:
             watch.travel[j] = watch.travel[j] + step if watch.travel[j] * step > 0 else step
-            watch.counts[j], watch.v_moving[j], watch.still_s[j] = state.counts[j], state.v[j], 0.0
+            watch.counts[j], watch.v_moving[j], watch.still_s[j] = state.counts[j], state.scratch[j], 0.0
         else:
             watch.still_s[j] += dt
 
@@ -140,7 +145,7 @@ def watch_motors(params: ServoParameters, state: ServoState) -> None:
             _forget_motor(params, state, j)
             forget_encoder(state, j)
             state.watch.counts_on[j], state.watch.along[j] = state.counts[j], 0
-            state.watch.v_ref_before[j] = 0.0
+            state.watch.v_ref_before[j], state.watch.drive[j] = 0.0, 0.0
         state.watch.work = 0.0
         return
     stale = unseen_s(params, state) * params.watch.pace > STALE
@@ -172,7 +177,10 @@ def set_thresholds(params: ServoParameters, state: ServoState) -> None:
 def observe_motors(params: ServoParameters, state: ServoState, stale: bool) -> None:
     """The torque on every joint that nobody commanded, and what all of them together have done to the arm of late."""
     watch, power = state.watch, 0.0
+    share = 1.0 - math.exp(-params.filter_rad_s * state.dt) if params.estimator == DIFFERENCE else 1.0
     for j in range(state.q.size):
+        drive = state.tau[j] - watch.load[j] - state.friction[j]
+        watch.drive[j] += share * (drive - watch.drive[j])  # as late as the velocity it is compared with
         if stale:
             _forget_motor(params, state, j)
         else:
@@ -290,7 +298,7 @@ def _observe_motor(params: ServoParameters, state: ServoState, j: int) -> None:
     if state.unseen == 0:
         watch.along[j] = counts_along(watch.along[j], watch.step[j], state.tau_motor[j], params.watch.proof[j])
     watch.expected[j], watch.push[j] = observe_push(
-        params.inertia[j] * state.v[j], state.tau[j] - watch.load[j] - state.friction[j],
+        params.inertia[j] * state.v[j], watch.drive[j],
         state.dt, params.watch.pace, watch.expected[j], watch.push[j],
     )  # fmt: skip
 
@@ -320,7 +328,7 @@ def _name_push(params: ServoParameters, state: ServoState, j: int) -> None:
     margin = share * limits.runaway_speed[j] + thrown_speed(state, j)
     most = watch.threshold[j] + watch.allowed[j]
     code = check_push(
-        push, most, watch.over_s[j], state.tau[j] - watch.load[j] - state.friction[j],
+        push, most, watch.over_s[j], watch.drive[j],
         state.v[j], state.v_ref[j], margin,
         still_s, still_s * abs(watch.v_moving[j]) / limits.unit_per_count[j], limits.impossible[j],
         watch.work < 0.0, watch.along[j] >= limits.proof[j],

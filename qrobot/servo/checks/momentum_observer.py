@@ -5,9 +5,10 @@ on each joint by itself, with the constant inertia M0 of the robot file:
 
     push = pace (M0 v - expected)        d expected / dt = tau - load - friction + push
 
-so that `push` follows the missing torque with the time constant 1/pace, and needs no acceleration. What the constant
-inertia leaves out - other joints' accelerations, centrifugal torque, a load in the hand, wrong friction and a wrong
-torque constant - shows as push as well; the thresholds have to lie above it.
+so that `push` follows the missing torque with the time constant 1/pace, and needs no acceleration. Where v comes out of
+a low pass, the torque has to go through the same one, or every change of it shows as push. What the constant inertia
+leaves out - other joints' accelerations, centrifugal torque, a load in the hand, wrong friction and a wrong torque
+constant - shows as push as well; the thresholds have to lie above it.
 """
 
 from __future__ import annotations
@@ -26,8 +27,10 @@ def observe_push(
     """(expected, push) of one joint, carried on by `dt` seconds.
 
     Args:
-        momentum: M0 v, measured now, N m s (N s). drive: torque during `dt` beyond load and friction, N m (N).
-        pace: of the observer, 1/s. expected, push: as they were.
+        momentum: M0 v, measured now, N m s (N s).
+        drive: torque during `dt` beyond load and friction, as late as v, N m (N).
+        pace: of the observer, 1/s.
+        expected, push: as they were.
     """
     expected += dt * (drive + push)
     return expected, pace * (momentum - expected)

@@ -56,6 +56,7 @@ class WatchState:
     """Mutable arrays. Vectors have shape (n,) and SI units."""
 
     load: Any  # gravity at the measured pose on every joint, N m (N)
+    drive: Any  # torque beyond load and friction, as late as the estimate of velocity, N m (N)
     expected: Any  # momentum the torques account for, N m s (N s)
     push: Any  # torque nobody commanded, N m (N)
     threshold: Any  # of that torque, N m (N): beyond it something is wrong, or in the way
@@ -81,7 +82,7 @@ class WatchState:
     inertial: Any  # what other joints' acceleration may put on it, of late, N m (N)
     allowed: Any  # push that a wrong model may make of such accelerations, N m (N)
     driven: Any  # 1: reference or torque has changed since, int64
-    v_moving: Any  # velocity when they last changed
+    v_moving: Any  # velocity of the motor when they last changed
     gave_way: Any  # velocity of its reference when it gave way in this stop, see `servo.stages.collision_stop`
     clipped_s: Any  # for how long the torque has been at its limit
     q_parked: Any  # where the arm came to rest without power
@@ -147,7 +148,7 @@ def make_watch_state(n: int) -> WatchState:
         return np.zeros(size, dtype=np.int64)
 
     return WatchState(
-        load=vector(), expected=vector(), push=vector(),
+        load=vector(), drive=vector(), expected=vector(), push=vector(),
         threshold=vector(), asked=vector(), met=vector(), soft=integers(n),
         over_s=vector(), step=integers(n), along=integers(n),
         counts=integers(n), counts_on=integers(n), still_s=vector(), v_moving=vector(),

@@ -66,7 +66,7 @@ WORK_S: Final = 0.025  # in which work is forgotten: longer than a blow [A]
 def stopped_dead(
     still_s: float, v_moving: float, unit_per_count: float, inertia: float, impossible: float, over_s: float
 ) -> bool:
-    """A joint that moved at `v_moving` shows no count for `still_s`: long enough for many, too short to have stopped.
+    """A motor that moved at `v_moving` shows no count for `still_s`: long enough for many, too short to have stopped.
 
     Such a stop takes a torque above `impossible`, N m (N). A push that has been above its threshold for `over_s`, since
     before the last count, was seen by an encoder that lives: the estimate of velocity lags behind such a stop.
