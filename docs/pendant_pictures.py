@@ -1,4 +1,4 @@
-"""The pictures of the how-to on driving from a browser, and the film of the tour.
+"""The pictures of the how-to on driving from a browser, and the films of the tour, chapter by chapter.
 
 Made by `python docs/pendant_pictures.py`: an emulated arm, `qrobot pendant`, and Debian's chromium without a screen.
 """
@@ -7,32 +7,26 @@ from __future__ import annotations
 
 import signal
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from io import BytesIO
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Final
 
-import matplotlib as mpl
-from PIL import Image, ImageDraw, ImageFont
+sys.path[:0] = [str(Path(__file__).parent), str(Path(__file__).parents[1])]
 
-sys.path.insert(0, str(Path(__file__).parents[1]))
+from pendant_film import IMAGES, Film, keep  # noqa: E402 (found through the line above)
 
-from qrobot.servo.operator.client import ServoClient
-from qrobot.wire.vocabulary import RobotFlag
-from tests.support.browser import Page, open_browser
-from tests.support.patience import give_time, wait_until
-from tests.support.processes import RunningArm, qrobot, running_arms
+from qrobot.servo.operator.client import ServoClient  # noqa: E402
+from qrobot.wire.vocabulary import RobotFlag  # noqa: E402
+from tests.support.browser import Page, open_browser  # noqa: E402
+from tests.support.patience import give_time, wait_until  # noqa: E402
+from tests.support.processes import RunningArm, qrobot, running_arms  # noqa: E402
 
-IMAGES: Final = Path(__file__).parent / "images"
-COLOURS: Final = 96  # of a picture: pages are plain
-FONT: Final = Path(mpl.get_data_path()) / "fonts/ttf/DejaVuSans.ttf"
-FILM_WIDTH, CAPTION, LETTERS, FILM_COLOURS = 760, 34, 17, 160  # pixels, and colours
-READ_MS, NEXT_MS = 3500, 700  # of a picture with a new caption, of the next one
-SETTLED_S, LOOK_S = 0.4, 2.0
-PLUS_OF_JOINT_1, PLUS_OF_X = 1, 13  # of the buttons to hold: two a joint, then two an axis
+LOOK_S: Final = 2.0
+PLUS_OF_JOINT_1, PLUS_OF_X, MINUS_OF_Z = 1, 13, 16  # of the buttons to hold: two a joint, then two an axis
 TABLE: Final = [450.0, -250.0, -250.0, 30.0, 0.0, 20.0]
+HOLD_GO: Final = "return pendant.hold('place', 'park', {share: 1})"
 PROGRAM: Final = "swing.py"
 SOURCE: Final = '''"""Back and forth, on a path that outlives a stop."""
 
@@ -45,49 +39,6 @@ with rccl.control("puma560") as arm:
         arm.move(arm.jposition("swing", [waist + degrees, *others]))
     arm.waitfor(arm.completed)
 '''
-
-
-class Film:
-    """Pictures of a page with a line of text below each."""
-
-    def __init__(self, page: Page) -> None:
-        self._page, self._caption = page, ""
-        self._pictures: list[Image.Image] = []
-        self._lengths: list[int] = []
-
-    def take(self, caption: str = "") -> None:
-        """What the window shows now; without a caption that of before stays."""
-        self._lengths.append(READ_MS if caption else NEXT_MS)
-        self._caption = caption or self._caption
-        page = whole(self._page)
-        shown = page.resize((FILM_WIDTH, page.height * FILM_WIDTH // page.width), Image.Resampling.LANCZOS)
-        picture = Image.new("RGB", (FILM_WIDTH, shown.height + CAPTION), "#17212c")
-        picture.paste(shown)
-        font = ImageFont.truetype(str(FONT), LETTERS)
-        ImageDraw.Draw(picture).text((10, shown.height + 6), self._caption, "white", font)
-        self._pictures.append(picture)
-
-    def write(self, path: Path) -> None:
-        """Write it as GIF, with the colours of its first picture and of the last."""
-        both = Image.new("RGB", (FILM_WIDTH, 2 * self._pictures[0].height))
-        both.paste(self._pictures[0])
-        both.paste(self._pictures[-1], (0, self._pictures[0].height))
-        palette = both.quantize(FILM_COLOURS, dither=Image.Dither.NONE)
-        first, *others = (each.quantize(palette=palette, dither=Image.Dither.NONE) for each in self._pictures)
-        first.save(path, save_all=True, append_images=others, duration=self._lengths, loop=0, optimize=True)
-
-
-def whole(page: Page) -> Image.Image:
-    """What a window shows, from its top, without the newest line for people."""
-    page.run("document.querySelector('.dismiss').click(); window.scrollTo(0, 0)")
-    give_time(SETTLED_S)
-    return Image.open(BytesIO(page.window_picture())).convert("RGB")
-
-
-def keep(page: Page, name: str) -> None:
-    """Write what a window shows into the folder of pictures."""
-    picture = whole(page).quantize(COLOURS, dither=Image.Dither.NONE)
-    picture.save(IMAGES / f"{name}.png", optimize=True)
 
 
 @contextmanager
@@ -106,6 +57,7 @@ def opened_pendant(arm: RunningArm, folder: Path) -> Iterator[str]:
 
 def main() -> None:
     """Drive an emulated arm through the tour."""
+    lasted = 0.0
     with (
         TemporaryDirectory() as folder,
         running_arms(Path(folder), period_ms=28.0, name="puma") as (arm,),
@@ -113,86 +65,215 @@ def main() -> None:
         open_browser() as driver,
     ):
         page = Page(driver, address)
-        film = Film(page)
-        film.take("The page shows the arm live; everybody with the address may look")
-        jog(page, film)
-        look(page, film)
-        run_program(page, film, arm)
-        film.write(IMAGES / "tour.gif")
+        for name, chapter in CHAPTERS.items():
+            film = Film(page)
+            chapter(page, film)
+            film.write(IMAGES / f"tour_{name}.gif")
+            lasted += film.seconds
+            print(f"{name}: {film.seconds:.0f} s")
+    print(f"the tour lasts {lasted:.0f} s")
+
+
+def take_it(page: Page) -> None:
+    """Take the arm to jog it."""
+    if page.run("return pendant.armStatus.session === 'no'"):
+        page.click("tab-drive")
+        page.click("take")
+    wait_until(lambda: page.run("return pendant.ready"), "the arm follows")
+
+
+def give_it(page: Page) -> None:
+    """Let go of it, unless it was let go of already."""
+    if page.run("return pendant.armStatus.session !== 'no'"):
+        page.click("take")
+    wait_until(lambda: page.run("return pendant.armStatus.session === 'no'"), "let go")
+
+
+# ------------------------------------------------------------------------------------------------------- the chapters
 
 
 def jog(page: Page, film: Film) -> None:
     """Take the arm and move it by buttons."""
+    film.take("The page shows the arm live; everybody with the address may look")
+    page.run("pendant.view.camera.position.x += 1.2; pendant.view.controls.update()")
+    film.take("Turn the picture with the pointer; the bars show each joint between its limits")
     page.click("drive")
     page.click("power-on")
     wait_until(lambda: page.shows("#mode", "HOLDING"), "power")
     film.take("Drive from here, and Power on: one page drives at a time")
-    page.click("take")
-    wait_until(lambda: page.run("return pendant.ready"), "the arm follows")
+    take_it(page)
+    film.take("Take the arm: the pendant commands it now, and no program can")
     page.press(PLUS_OF_JOINT_1)
-    film.take("Take the arm, and hold + or −: it moves while you hold")
-    for _ in range(3):
-        film.take()
+    film.take("Hold + or −: the joint turns for as long as you hold it")
+    film.follow(4)
     page.let_go()
+    film.take("Let go, and it is braked; also when the page stalls or its network is cut")
     page.run(f"pendant.say({{do: 'place', arm: 0, name: 'TABLE', numbers: {TABLE}}})")
     wait_until(lambda: page.choose_option("jog-axes", "at TABLE"), "its axes")
     page.press(PLUS_OF_X)
     give_time(LOOK_S)
-    page.run("window.scrollTo(0, 0)")
-    film.take("Straight along the axes of a taught place, drawn in the picture")
-    page.let_go()
+    film.take("Straight along the axes of base, tool, or a taught place drawn in the picture")
     keep(page, "pendant")
+    film.follow(3)
+    page.let_go()
+    page.choose_option("jog-axes", "base")
+    page.choose_option("jog-step", "10")
+    for _ in range(2):
+        page.press(MINUS_OF_Z)
+        give_time(1.0)
+        page.let_go()
+    film.take("By steps: each press moves the tool by 10 mm")
+    page.choose_option("jog-step", "0")
 
 
-def look(page: Page, film: Film) -> None:
-    """At the tabs that move nothing."""
-    page.click("tab-scope")
-    give_time(LOOK_S)
-    film.take("Scope: tracking error and velocity, live; every cycle with a trigger")
-    keep(page, "pendant_scope")
+def teach(page: Page, film: Film) -> None:
+    """Record a place, edit it, go to another one."""
     page.click("tab-teach")
+    film.take("Teach: the robot's own poses, and the places that were recorded")
+    page.run("document.getElementById('place-name').value = 'OVER'")
+    film.take("Move the arm, type a name, and Record where the arm is")
+    page.click("record")
+    wait_until(lambda: page.run("return 'OVER' in pendant.armStatus.taught"), "it is recorded")
+    film.take("Programs read it by its name: DataBase(path).get('OVER')")
     page.click_at(".edit")
-    film.take("Teach: record places, edit their numbers, go to them while you hold Go")
+    film.take("Edit a place by its numbers, mm and degrees in the base; rename or delete it")
     keep(page, "pendant_teach")
-    page.click("tab-board")
-    wait_until(lambda: page.shows("#board-facts", "revision"), "the board")
-    give_time(LOOK_S)
-    film.take("Board: every register; faults for the emulated one")
-    keep(page, "pendant_board")
-
-
-def run_program(page: Page, film: Film, arm: RunningArm) -> None:
-    """Off line, then live, stopped and led back."""
+    page.click_at(".place-editor button[type=button]")
+    take_it(page)  # anew, should a busy machine have lost it
+    page.click("tab-teach")
+    wait_until(lambda: page.run(HOLD_GO), "Go is held")
+    film.take("Hold Go: all joints move together, slowly; let go, and it stops")
     page.click("tab-drive")
-    page.click("take")
-    wait_until(lambda: page.run("return pendant.armStatus.session === 'no'"), "let go")
+    film.follow(3)
+    page.run("pendant.release()")
+    film.take("It stands on the way to park")
+
+
+def programs(page: Page, film: Film) -> None:
+    """Off line, then live, slowed down, stopped and led back."""
+    page.click("tab-drive")
+    give_it(page)
     page.click("tab-programs")
     page.click_at(f'[data-name="{PROGRAM}"]')
+    film.take("Programs: Python, C and VAL II of a folder, and recordings of the arm")
     page.click("start-offline")
     wait_until(lambda: page.shows("#program-state", "done"), "off line")
     give_time(LOOK_S)
-    film.take("Programs: off line first, where only a ghost moves")
-    film.take()
+    film.take("Off line first: only a ghost moves, from where the arm stands")
+    film.follow(3)
     keep(page, "pendant_programs")
+    page.click("tab-drive")
+    film.take("Its path is dotted in the picture: nothing has moved yet")
+    page.click("tab-programs")
     page.click("start-live")
     film.take("Live: the page that drives has to confirm")
     page.click("start-sure")
     wait_until(lambda: page.shows("#mode", "TRACKING"), "live")
     page.click("tab-drive")
-    page.choose_option("jog-axes", "base")
     give_time(LOOK_S)
-    film.take("The program moves the arm; pause it, or slow it down")
-    with ServoClient(arm.name) as servo:
+    film.take("The program moves the arm; the dots that are left lie ahead")
+    film.follow(2)
+    page.run("pendant.say({do: 'override', arm: 0, factor: 0.5})")
+    film.take("Speed override: half as fast on the same path, and a pause on it")
+    with ServoClient(page.run("return pendant.arm.facts.name")) as servo:
         servo.stop()
     wait_until(lambda: page.flag(RobotFlag.PATH_WAITS), "it waits")
     film.take("Stopped: the program waits beside its path until somebody confirms")
     keep(page, "pendant_waits")
+    page.run("pendant.say({do: 'override', arm: 0, factor: 1})")
     page.click("pause")
     wait_until(lambda: not page.flag(RobotFlag.PATH_WAITS), "it goes back")
     film.take("Go back to the path: slowly, and then on along the same places")
-    for _ in range(3):
-        film.take()
+    film.follow(4)
+    wait_until(lambda: page.run("return pendant.armStatus.program.state === 'done'"), "the program is done")
 
+
+def scope(page: Page, film: Film) -> None:
+    """Curves of a running arm, and its log."""
+    take_it(page)
+    page.press(PLUS_OF_JOINT_1)
+    give_time(LOOK_S)
+    page.let_go()
+    page.click("tab-scope")
+    film.take("Scope: tracking error, velocity, torque, position of every joint, live")
+    keep(page, "pendant_scope")
+    page.choose_option("scope-source", "ring")
+    wait_until(lambda: page.shows("#scope-about", "cycles"), "every cycle is shown")
+    film.take("Or every cycle of the servo, a thousand a second, out of its own memory")
+    page.choose_option("trigger", "velocity")
+    page.run("document.getElementById('trigger-level').value = '1'")
+    page.click("trigger-arm")
+    film.take("A trigger waits for what you look for: here for a degree a second")
+    page.click("tab-drive")
+    page.press(PLUS_OF_JOINT_1)
+    give_time(LOOK_S)
+    page.let_go()
+    page.click("tab-scope")
+    wait_until(lambda: page.shows("#freeze", "Go on"), "it is frozen")
+    film.take("It has seen the motion, and keeps the cycles around its beginning")
+    page.click("tab-logs")
+    page.click_at(".pane-logs .entry[data-name]")
+    wait_until(lambda: page.shows("#log-about", "1000 Hz"), "the log is open")
+    give_time(LOOK_S)
+    film.take("Logs: every cycle since the servo began; scrub through them, compare two")
+    page.click("log-play")
+    film.follow(4)
+    page.click("log-play")
+
+
+def load(page: Page, film: Film) -> None:
+    """What the hand carries, what follows a collision, and the arm in a person's hand."""
+    page.click("tab-drive")
+    film.take("Load and collisions: what the servo reckons with", at=".card.load")
+    page.run("document.getElementById('load-mass').value = '2'; document.getElementById('load-z').value = '60'")
+    page.click("load-set")
+    wait_until(lambda: page.shows("#load-told", "carries 2.00 kg"), "the servo reckons with it")
+    film.take("Set the load: 2 kg in the hand, carried from now on; too much is refused", at=".card.load")
+    page.choose_option("collision-share", "0.5")
+    page.choose_option("collision-reaction", "comply")
+    page.click("collision-set")
+    give_time(LOOK_S)
+    film.take("A collision is told at half the force, and the arm is soft after it", at=".card.load")
+    page.run("pendant.say({do: 'load', arm: 0, mass: 0, centre_mm: [0, 0, 0]})")
+    give_it(page)
+    page.click("guide-take")
+    wait_until(lambda: page.run("return pendant.leading"), "it is taken to lead")
+    film.take("Take it to lead: while the button is held the arm follows your hand", at="#guide-hold")
+    page.click("guide-take")
+    wait_until(lambda: page.run("return pendant.armStatus.session === 'no'"), "let go")
+
+
+def faults(page: Page, film: Film) -> None:
+    """The board, and a fault with its remedy."""
+    page.click("tab-board")
+    wait_until(lambda: page.shows("#board-facts", "revision"), "the board")
+    give_time(LOOK_S)
+    film.take("Board: every register and status bit as it is, five times a second")
+    keep(page, "pendant_board")
+    film.take("The emulated one has a panel besides, and lets things break", at="#board-work")
+    page.click("force-estop")
+    wait_until(lambda: page.shows("#fault", "mergency stop"), "the servo has seen it")
+    page.click("tab-drive")
+    film.take("The emergency stop was pressed: power has gone, and the page tells what to do")
+    page.run("pendant.say({do: 'board force', arm: 0, line: 'estop off'})")
+    wait_until(lambda: page.flag(RobotFlag.ESTOP_OK), "it is released")
+    page.click("clear")
+    wait_until(lambda: page.shows("#mode", "OFF"), "the fault is cleared")
+    page.click("power-on")
+    wait_until(lambda: page.shows("#mode", "HOLDING"), "it holds")
+    film.take("Released, cleared, and powered again: it holds where it is")
+    page.click("tab-calibrate")
+    film.take("Calibrate and identify, a step at a time, with progress and results")
+
+
+CHAPTERS: Final[dict[str, Callable[[Page, Film], None]]] = {
+    "jog": jog,
+    "teach": teach,
+    "programs": programs,
+    "scope": scope,
+    "load": load,
+    "faults": faults,
+}
 
 if __name__ == "__main__":
     main()

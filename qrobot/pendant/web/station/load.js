@@ -1,6 +1,7 @@
 // What the arm carries, and what follows when it meets something: shown to all, chosen by the page that drives.
 import { ask } from "./ask.js";
 import { el, setText } from "./dom.js";
+import { digits } from "./kinematics.js";
 import { link } from "./link.js";
 
 const LOOK_MS = 2000;
@@ -38,7 +39,7 @@ export function loadCard() {
     try {
       const now = await (await ask("load", { arm: link.chosen })).json();
       const name = REACTIONS.find(([value]) => value === now.reaction)[1];
-      setText(carries, now.mass ? `carries ${now.mass} kg` : "carries nothing");
+      setText(carries, now.mass ? `carries ${digits(now.mass, 2)} kg` : "carries nothing");
       setText(told, `Now: ${name}; a collision is told above ${now.thresholds.join(", ")} N m (N) that nobody commanded, joint by joint. A program may choose otherwise; when it ends, the robot file counts.`);
     } catch {
       setText(carries, "load ?");
