@@ -50,9 +50,11 @@ def opened_pendant(arm: RunningArm, folder: Path) -> Iterator[str]:
     options = ("--port", "0", "--taught", folder / "parts.db", "--programs", programs)
     process = qrobot("pendant", "--deployment", arm.deployment, *options)
     assert process.stdout is not None
-    yield process.stdout.readline().strip()
-    process.send_signal(signal.SIGINT)
-    process.communicate()
+    try:
+        yield process.stdout.readline().strip()
+    finally:
+        process.send_signal(signal.SIGINT)
+        process.communicate()
 
 
 def main() -> None:
