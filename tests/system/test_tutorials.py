@@ -18,9 +18,9 @@ ROOT = Path(__file__).parents[2]
 FOLDER = ROOT / "docs" / "tutorials"
 INDEX = (FOLDER / "index.md").read_text()
 PAGES = [FOLDER / f"{name}.md" for name in INDEX.partition(":maxdepth: 1")[2].split() if name != "```"]
-COURSE = PAGES[:7]  # the others stand alone
+COURSE = [page for page in PAGES if re.match(r"# \d", page.read_text())]  # the others stand alone
 GUIDES = [  # that have an example of their own
-    ROOT / "docs" / "how-to" / f"{name}.md" for name in ("slow-down-and-pause", "lead-the-arm-by-hand")
+    ROOT / "docs" / "how-to" / f"{name}.md" for name in ("slow-down-and-pause", "lead-the-arm-by-hand", "real-time")
 ]
 EXAMPLES = {str(path.relative_to(ROOT / "examples")): path.read_text() for path in (ROOT / "examples").rglob("*.py")}
 
