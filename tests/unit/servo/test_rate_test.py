@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import mmap
+import threading
 from collections.abc import Iterator
 from pathlib import Path
 from types import SimpleNamespace
@@ -134,11 +136,10 @@ def test_page_faults_of_a_thread_are_counted_from_when_it_is_ready(tmp_path: Pat
 
 
 def test_a_thread_that_touches_new_memory_has_page_faults() -> None:
-    import threading
-
     own = threading.get_native_id()
     before = page_faults(own)
-    np.ones(1 << 22)  # 32 MB: thousands of pages, or some dozen large ones
+    with mmap.mmap(-1, 1 << 25) as fresh:  # 32 MB that nobody had before: thousands of pages, or some dozen large ones
+        fresh[:: mmap.PAGESIZE] = bytes(len(fresh) // mmap.PAGESIZE)
     after = page_faults(own)
     assert before is not None
     assert after is not None
