@@ -202,7 +202,7 @@ def _check(program: Path, emulated: Sequence[str], lockstep: bool, offline: bool
 
 
 def _tell_scene(program: Path) -> None:
-    """Nothing can be put round an arm that runs."""
+    """Note which scene the program is made for: nothing can be put round an arm that runs."""
     from qrobot.cli.program_settings import settings_of
 
     if scene := settings_of(program).scene:

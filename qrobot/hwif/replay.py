@@ -212,7 +212,7 @@ class Replay:
         image[:] = event.image
 
     def close(self) -> None:
-        """Nothing to let go of."""
+        """Do nothing: the recording is in memory."""
 
     def _take(self) -> RecordedEvent:
         if self.finished:

@@ -62,7 +62,7 @@ class Clearance:
         return np.asarray((above_floor & outside).all(axis=1))
 
     def _above_floor(self, bodies: list[Floats]) -> Bools:
-        """None of these bodies, which do not stand on it, is nearer to the floor than it is thick."""
+        """Whether all these bodies, which do not stand on the floor, are at least as far above it as they are thick."""
         lowest = np.concatenate([body[..., 2] for body in bodies], axis=1).min(axis=1)
         return np.asarray(lowest + self._geometry.base_height_m >= 0.5 * APART)
 

@@ -127,7 +127,7 @@ class Unknowns:
         return columns.reshape(len(motor), self.n_friction)
 
     def start(self) -> Floats:
-        """Nothing weighs and rubs, and every motor gives what it is asked for. Shape (p,)."""
+        """Unknowns of an arm without weight and friction whose motors give what they are asked for. Shape (p,)."""
         n, linear = self.robot.n, self.n_weights + self.n_friction
         rest = n * (len(REMAINDER_NAMES) + 1) + self.n_terms
         return np.concatenate([np.zeros(linear), np.ones(len(self.free)), np.zeros(rest)])

@@ -140,7 +140,7 @@ class OfflineLink:
         return self._state.robot.t_ns
 
     def close(self, reason: str = "") -> None:
-        """Nobody is there to say goodbye to."""
+        """Do nothing: an off-line arm has no peer to say goodbye to."""
 
 
 def _next_mode(mode: int, command: Command) -> int:

@@ -127,7 +127,7 @@ class Session:
 
     @property
     def ended(self) -> bool:
-        """Nothing more will come of this session."""
+        """Whether the session is over."""
         return self._connection.ended
 
     @property

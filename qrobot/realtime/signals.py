@@ -42,7 +42,7 @@ class SignalEvent(threading.Event):
         return self._happened
 
     def close(self) -> None:
-        """Nobody waits any more, and no handler sets it."""
+        """Release both ends; call it when nothing waits any more and no handler sets it."""
         os.close(self._reads)
         os.close(self._writes)
 

@@ -104,7 +104,7 @@ class _CalleeLibrary(JITCodeLibrary):  # type: ignore[misc]
         """Leave it to the entry."""
 
     def get_pointer_to_function(self, _name: str) -> int:
-        """None; Numba takes zero for a function without a wrapper."""
+        """Zero, which Numba takes for a function without a wrapper."""
         return 0
 
     def finalize(self) -> None:

@@ -103,7 +103,7 @@ class _Recorder:
 
 
 def _ignore(_joint: int, _share: float) -> None:
-    """Nobody watches."""
+    """Take no notice of the progress."""
 
 
 def make_table(emulator: Emulator, progress: TableProgress = _ignore) -> CalibrationTable:

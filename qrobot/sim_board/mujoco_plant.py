@@ -83,7 +83,7 @@ class PlantMemory:
 
     @property
     def _is_free(self) -> bool:
-        """Nothing can be touched and nothing is sensed: no need of all that `mj_step` does."""
+        """Whether the arm can touch nothing and senses nothing, so that it does not need all that `mj_step` does."""
         import mujoco
 
         unconstrained = self.model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_CONSTRAINT

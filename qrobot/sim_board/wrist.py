@@ -38,7 +38,7 @@ class Wrist(NamedTuple):
 
 
 def no_wrist() -> Wrist:
-    """Nothing is wired."""
+    """Wrist without a force sensor."""
     none = np.zeros(0, np.int64)
     return Wrist(np.zeros(6), none, none, np.zeros(0), first_state(0), 0.0, 0.0, 0.0)
 

@@ -103,7 +103,7 @@ class ValTask:
 
     @property
     def over(self) -> bool:
-        """Nothing is left to do."""
+        """Whether the task has nothing left to do."""
         return not self.frames and self.doing is None
 
     @property

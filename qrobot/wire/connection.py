@@ -77,7 +77,7 @@ class Connection:
 
     @property
     def ended(self) -> bool:
-        """Nothing more may be sent."""
+        """Whether the conversation is over; nothing may be sent then."""
         return self.conversation is Conversation.ENDED
 
     def receive_data(self, data: bytes) -> None:

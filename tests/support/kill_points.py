@@ -258,7 +258,7 @@ class RegisterBus:
         image[:] = self.image
 
     def close(self) -> None:
-        """Nothing is held."""
+        """Do nothing: this bus holds no resource."""
 
 
 class GatewayWay(MemoryWay):

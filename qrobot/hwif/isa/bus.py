@@ -68,4 +68,4 @@ class PortBus:
             raise LinkLost(f"no card answers at {self.name}: every register reads {int(words[0]):#06x}; base, cable?")
 
     def close(self) -> None:
-        """Nothing is held."""
+        """Do nothing: this bus holds no resource."""

@@ -58,7 +58,7 @@ class JointCoordinates:
     goal: Goal | None = None
 
     def sample(self, tick: int) -> None:
-        """Nothing to look at."""
+        """Do nothing: joints do not depend on anything that has to be sampled."""
 
     def solve_next(self, x: Floats) -> Floats:
         """Return them: joints are the coordinates."""

@@ -64,7 +64,7 @@ class ProgramEnd:
         return self._requests.get(number)
 
     def forget(self, number: int) -> None:
-        """Nothing will be heard of a request any more, or it was refused."""
+        """Forget a request that was refused or of which no report will come any more."""
         self._requests.pop(number, None)
 
     def _name(self, thing: object) -> tuple[Any, ...] | None:

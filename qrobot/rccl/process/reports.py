@@ -121,7 +121,7 @@ class Outbox:
             self._filled.notify()
 
     def close(self) -> None:
-        """Nothing more will be told."""
+        """End the stream of reports: `take` returns None once it is empty."""
         with self._filled:
             self._over = True
             self._filled.notify()

@@ -232,7 +232,7 @@ def unplanned_bend(params: ServoParameters, state: ServoState, j: int) -> float:
 
 @lean_kernel
 def forget_encoder(state: ServoState, j: int) -> None:
-    """Nothing is known of how the joint slides."""
+    """Forget how joint `j` slides: its watch begins anew from the reference of now."""
     watch = state.watch
     watch.travel[j], watch.slid[j], watch.q_ref_then[j] = 0, 0.0, state.q_ref[j]
     watch.going[j], watch.driven[j], watch.missing_v[j], watch.missing[j] = 0, 0, 0.0, 0.0

@@ -43,7 +43,7 @@ def keep_armed(state: ServoState, mail: Any, driven: bool) -> None:
 
 @lean_kernel
 def say_again(state: ServoState) -> bool:
-    """Nothing is to be driven, but the board has not shown it yet: a write that was lost must not be the only one."""
+    """Whether a torque of zero has to be written again: the board has not shown it, and a write can be lost."""
     return bool(state.driven == 0 and state.armed != 0)
 
 

@@ -32,7 +32,7 @@ class IndexWatch:
 
 
 def make_index_watch() -> IndexWatch:
-    """Nothing armed."""
+    """State of a joint whose index pulse is not waited for."""
     return IndexWatch()
 
 

@@ -139,7 +139,7 @@ def watch_params(robot: Robot, settings: ServoSettings) -> WatchParams:
 
 
 def make_watch_state(n: int) -> WatchState:
-    """Nothing seen yet."""
+    """State of the monitors of `n` joints before the first cycle."""
 
     def vector() -> Any:
         return np.zeros(n)

@@ -61,7 +61,7 @@ class AdcState:
 
 
 def make_adc_state() -> AdcState:
-    """Nothing sampled yet; the first conversion is that of the lowest channel wanted."""
+    """State before the first sample; the first conversion is that of the lowest channel wanted."""
     return AdcState(np.zeros(N_ADCS, dtype=np.int64))
 
 

@@ -62,7 +62,7 @@ def difference(q: Any, q_before: Any, dt: float, bandwidth: float, v: Any) -> No
 
 @lean_kernel
 def start_observer(q: Any, x: Any, v: Any, d: Any) -> None:
-    """Nothing is known but the position: at rest until the encoder says more. Shapes (n,)."""
+    """Begin at rest at position `q`, with no disturbance. Shapes (n,)."""
     for j in range(q.size):
         x[j], v[j], d[j] = q[j], 0.0, 0.0
 
