@@ -5,12 +5,13 @@ after a stall the loop catches up in a burst, and each operation acts from the t
 arm whose board alone was kept from running moves as its servo has told it meanwhile.
 
 Where nobody wrote either, nobody could control the arm, and there is no hardware that went on: the arm's time stood
-still (`hwif.arm_clock`). Without that, by option, the DACs hold as a real board's would, up to `CATCH_UP_NS`; what is
-beyond is given up and counted as skipped.
+still (`hwif.arm_clock`), and that of emulated arms beside it follows (`sim_board.common_time`). Without that, by
+option, the DACs hold as a real board's would, up to `CATCH_UP_NS`; what is beyond is given up and counted as skipped.
 """
 
 from __future__ import annotations
 
+import itertools
 import threading
 import time
 from collections.abc import Callable
@@ -30,14 +31,17 @@ from qrobot.realtime.jit import lean_kernel
 from qrobot.realtime.setup import set_fifo, tighten_timers
 from qrobot.realtime.signals import set_on_signals
 from qrobot.realtime.startup_order import await_turn
+from qrobot.sim_board.common_time import held_ns, slipped_beside_ns
 from qrobot.sim_board.emulator import Emulator, EmulatorBundle, advance
 from qrobot.units import NS_PER_MS
 
 CATCH_UP_NS: Final = 100_000_000
 LIVED_NS: Final = 1_000_000  # so long after its newest operation an arm was still controlled: a cycle of the servo [A]
-LOOK_S: Final = 1.0  # between two looks whether time has slipped
+LOOK_S: Final = 0.1  # between two looks at the boards beside this one [A]
+TELL_S: Final = 1.0  # between two looks whether time has slipped [A]
 TOLD_NS: Final = 20_000_000  # less is in the status alone [A]
 PRIORITY: Final = 40  # below the servo's: hardware never keeps a processor from it
+STOP, BESIDE, N_ORDERS = range(3)  # words of the loop's orders: to end, and what boards beside it let pass
 
 
 @lean_kernel
@@ -49,18 +53,21 @@ def unlived_ns(memory: BoardMemory, due_ns: int, now_ns: int) -> int:
 
 
 @lean_kernel
-def run_board(bundle: EmulatorBundle, memory: BoardMemory, stop: Words, slips: int) -> None:
-    """Step the emulator at every multiple of its period until `stop[0]` is set.
+def run_board(bundle: EmulatorBundle, memory: BoardMemory, orders: Words, slips: int) -> None:
+    """Step the emulator at every multiple of its period until `orders[STOP]` is set.
 
-    `stop` is int64[1]; `slips` is 1 where time in which nobody could control the arm does not count.
+    `orders` is int64[N_ORDERS]; `slips` is 1 where time in which nobody could control the arm does not count.
     """
     period_ns = bundle.period_ns
     slipped_ns = memory.facts.slipped_ns
     due_ns = monotonic_ns() - slipped_ns + period_ns
-    while load_acquire(stop, 0) == 0:
+    while load_acquire(orders, STOP) == 0:
         sleep_until_ns(due_ns + slipped_ns)
         now_ns = monotonic_ns() - slipped_ns
-        unlived = unlived_ns(memory, due_ns, now_ns) if slips != 0 else 0
+        unlived = 0
+        if slips != 0:
+            held = held_ns(slipped_ns, load_acquire(orders, BESIDE), period_ns)
+            unlived = max(unlived_ns(memory, due_ns, now_ns), held)
         if unlived > 0:
             slipped_ns, now_ns = slipped_ns + unlived, now_ns - unlived
             store_release(memory.facts, "slipped_ns", slipped_ns)
@@ -84,7 +91,8 @@ def catch_up(bundle: EmulatorBundle, memory: BoardMemory, due_ns: int, now_ns: i
 class EmulatedBoardServer:
     """An emulated board that runs in a thread of its own behind `<arm>`'s board memory, as a context manager.
 
-    With `slips` time in which this process was kept from running, and nobody wrote to the board, does not count.
+    With `slips` time in which this process was kept from running, and nobody wrote to the board, does not count, and
+    no more of it counts than for the boards beside it, as `look_beside` finds them.
 
     Raises:
         LinkBusy: a board already serves that arm.
@@ -95,35 +103,42 @@ class EmulatedBoardServer:
         self._slips = int(slips)
         warm_up(emulator)
         self.segment = create_board_memory(arm)
-        self._stop = np.zeros(1, np.int64)
+        self._arm, self._orders = arm, np.zeros(N_ORDERS, np.int64)
         self._thread = threading.Thread(target=self._run, name=f"{arm}-board", daemon=True)
 
     def _run(self) -> None:
         tighten_timers()
         set_fifo(PRIORITY)
-        run_board(self.emulator.bundle, self.segment.memory, self._stop, self._slips)
+        run_board(self.emulator.bundle, self.segment.memory, self._orders, self._slips)
 
     @property
     def slipped_ns(self) -> int:
         """Time that did not count, all in all."""
         return int(self.segment.memory.facts.slipped_ns)
 
+    def look_beside(self) -> None:
+        """Follow the board that has let pass most; call it now and then."""
+        self._orders[BESIDE] = slipped_beside_ns(self._arm, time.monotonic_ns())
+
     def __enter__(self) -> EmulatedBoardServer:
-        self.emulator.connect(self.segment.memory, time.monotonic_ns())
+        self.look_beside()
+        facts = self.segment.memory.facts
+        facts.slipped_ns = int(self._orders[BESIDE]) if self._slips else 0
+        self.emulator.connect(self.segment.memory, time.monotonic_ns() - facts.slipped_ns)
         self._thread.start()
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self._stop[0] = 1
+        self._orders[STOP] = 1
         self._thread.join()
         self.segment.close(unlink=True)
 
 
 def warm_up(emulator: Emulator) -> None:
     """Compile the loop, or load it from the cache, before the clock matters."""
-    run_board(emulator.bundle, local_board_memory(), np.ones(1, np.int64), 0)
+    run_board(emulator.bundle, local_board_memory(), np.ones(N_ORDERS, np.int64), 0)
 
 
 def serve(
@@ -150,10 +165,13 @@ def serve(
     warm_up(emulator)  # before its turn, not with it
     await_turn()
     with set_on_signals() as done, EmulatedBoardServer(arm, emulator, slips) as server, beside(server.segment.memory):
+        told_ns = server.slipped_ns
         ready()
-        told_ns = 0
-        while not done.wait(LOOK_S):
-            if server.slipped_ns - told_ns > TOLD_NS:
+        for look in itertools.count(1):
+            if done.wait(LOOK_S):
+                return
+            server.look_beside()
+            if look % round(TELL_S / LOOK_S) == 0 and server.slipped_ns - told_ns > TOLD_NS:
                 report(slip_line(server.slipped_ns - told_ns, server.slipped_ns))
                 told_ns = server.slipped_ns
 
@@ -161,6 +179,6 @@ def serve(
 def slip_line(newly_ns: int, in_all_ns: int) -> str:
     """Line for people when time has slipped."""
     return (
-        f"kept from running: the emulated arm's time stood still for {newly_ns / NS_PER_MS:.0f} ms, "
-        f"{in_all_ns / NS_PER_MS:.0f} ms in all"
+        f"this arm, or one beside it, was kept from running: the emulated arm's time stood still for "
+        f"{newly_ns / NS_PER_MS:.0f} ms, {in_all_ns / NS_PER_MS:.0f} ms in all"
     )

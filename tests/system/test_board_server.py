@@ -15,7 +15,7 @@ import pytest
 
 from qrobot.config import load_robot
 from qrobot.errors import LinkBusy
-from qrobot.hwif.board_memory import Lane, attach_board_memory, fetch_image
+from qrobot.hwif.board_memory import Lane, attach_board_memory, create_board_memory, fetch_image
 from qrobot.hwif.image import IMAGE_COUNT, IMAGE_STATUS, IMAGE_T_NS, make_image
 from qrobot.hwif.lanes import post_operations
 from qrobot.hwif.operations import OP_WRITE
@@ -43,7 +43,8 @@ serve(sys.argv[1], Emulator(load_robot("puma560")), lambda: print("ready", flush
 def arm() -> Iterator[str]:
     name = f"test{uuid.uuid4().hex[:12]}"
     yield name
-    segment_path(f"{name}-board").unlink(missing_ok=True)
+    for board in name, f"{name}b":
+        segment_path(f"{board}-board").unlink(missing_ok=True)
 
 
 def start_board(arm: str) -> subprocess.Popen[str]:
@@ -81,6 +82,28 @@ def test_physics_follows_the_wall_clock_and_stamps_images_with_it(arm: str) -> N
     assert first[IMAGE_T_NS] <= after_ns
     assert last[IMAGE_T_NS] <= reached_ns
     assert (memory.facts.joints, chr(int(memory.facts.revision))) == (6, "F")
+
+
+def test_a_board_takes_the_time_of_one_that_has_let_pass_more_and_never_turns_its_own_back(arm: str) -> None:
+    with create_board_memory(f"{arm}b") as beside:
+        beside.memory.facts.slipped_ns = 200_000_000
+        with EmulatedBoardServer(arm, Emulator(load_robot("puma560")), slips=True) as server:
+            assert server.slipped_ns >= 200_000_000  # from its start
+            beside.memory.facts.slipped_ns = server.slipped_ns + 100_000_000
+            server.look_beside()
+            sampled = [int(server.segment.memory.facts.now_ns)]
+            while server.slipped_ns < beside.memory.facts.slipped_ns:
+                wait_until(lambda: server.segment.memory.facts.now_ns != sampled[-1], "it goes on meanwhile")
+                sampled.append(int(server.segment.memory.facts.now_ns))
+    assert sampled == sorted(sampled)
+
+
+def test_a_board_that_lets_nothing_pass_follows_nobody(arm: str) -> None:
+    with create_board_memory(f"{arm}b") as beside:
+        beside.memory.facts.slipped_ns = 200_000_000
+        with EmulatedBoardServer(arm, Emulator(load_robot("puma560"))) as server:
+            wait_until(lambda: image_of(server.segment.memory)[IMAGE_COUNT] > 2, "it runs")
+            assert server.slipped_ns == 0
 
 
 def test_a_second_board_for_the_same_arm_is_refused(arm: str) -> None:

@@ -179,6 +179,7 @@ def test_a_program_of_two_arms_that_is_run_as_the_guide_says_grasps_and_carries_
     text = text.replace("grasp(robot2)", "grasp(robot2)\nprint('grasped at', robot1.channel.how.t_ns)")
     program = tmp_path / "two_hands.py"
     program.write_text(text)
+    wait_until(lambda: abs(slipped_ns(arms[0]) - slipped_ns(arms[1])) < NS_PER_MS, "both arms are in step")
     before = [arm.snapshot().tick for arm in arms]
     printed, complaint = qrobot("run", "--deployment", arms[0].deployment, program).communicate(timeout=PATIENCE_S)
     found = re.search(r"the hands came ([0-9.]+) mm closer", printed)
