@@ -91,6 +91,7 @@ class MotionQueue:
     Attributes:
         engine: the trajectory generator of the motions.
         tick: newest sample.
+        period_s: as given.
         override: speed override of the program, 0 to 1; that of the operator counts besides.
         paused: the program wants its motions to stand still.
         kept: gives the setpoints while the arm is off their path, None for none.
@@ -105,7 +106,7 @@ class MotionQueue:
         fences: FenceSet | None = None,
     ) -> None:
         self._kinematics = kinematics
-        self._period_s = period_s
+        self.period_s = period_s
         self._fences, self.tick = fences, 0
         self.engine = self.engine_at(q)
         self._reporter = reporter
@@ -168,6 +169,8 @@ class MotionQueue:
         for event in output.events:
             self._told(event, seen)
         self._progress(output, seen)
+        if self.kept is not None:
+            self.kept.note(output.q)
         return output.q
 
     def count(self, seen: MachineSample) -> None:
@@ -178,7 +181,7 @@ class MotionQueue:
         """A trajectory generator that is at rest at `q` (n,)."""
         kinematics, fences = self._kinematics, self._fences
         return Generator(
-            kinematics.limits, self._period_s, np.array(q), self.tick, Blend.ZERO_JERK, kinematics=kinematics,
+            kinematics.limits, self.period_s, np.array(q), self.tick, Blend.ZERO_JERK, kinematics=kinematics,
             fences=fences,
         )  # fmt: skip
 
@@ -201,8 +204,8 @@ class MotionQueue:
             self._fail(_event_of(error), motion, error, seen)
 
     def _due(self, motion: Motion) -> bool:
-        lead_s = motion.options.ta_ms * S_PER_MS + LOOK_AHEAD_S + SETTLING * self._period_s
-        return self._skip or self.engine.remaining * self._period_s <= lead_s
+        lead_s = motion.options.ta_ms * S_PER_MS + LOOK_AHEAD_S + SETTLING * self.period_s
+        return self._skip or self.engine.remaining * self.period_s <= lead_s
 
     def _try(self, motion: Motion, give: Callable[[MoveRequest], object]) -> MoveRequest:
         """Give a motion to the engine; a transition that nobody asked for is as long as the arm needs."""
@@ -278,7 +281,7 @@ class MotionQueue:
         motion = None if output.request is None else self._open.get(output.request)
         if motion is None:
             return
-        ta = whole_samples(motion.options.ta_ms * S_PER_MS, self._period_s)
+        ta = whole_samples(motion.options.ta_ms * S_PER_MS, self.period_s)
         if not motion.near and self.engine.serving is output.request and self.engine.remaining <= ta:
             motion.near = True
             self._reporter.notify(ArclEvent.EVENT_NEAR, motion)

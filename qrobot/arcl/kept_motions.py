@@ -1,4 +1,4 @@
-"""The motions of a robot while its arm is off their path: they wait, until the arm has been led back to it."""
+"""The motions of a robot whose arm is off their path: it goes back from what it met, or they wait for its way back."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from qrobot.arcl.machine import MachineSample
 from qrobot.arrays import Floats
 from qrobot.config import Robot
 from qrobot.errors import LinkError, MotionError, ServoFault
-from qrobot.motion.kept import KeptPath, WayBackLimit, kept_path
+from qrobot.motion.kept import KeptPath, Retreat, WayBackLimit, kept_path
 
 if TYPE_CHECKING:
     from qrobot.arcl.generator import MotionQueue
@@ -26,6 +26,7 @@ class KeptMotions:
     Attributes:
         wanted: a stop of the servo does not end control of the arm.
         limit: how far the arm is led back.
+        retract_m: how far the flange goes back after a collision, m; 0 for not at all.
     """
 
     _queue: MotionQueue
@@ -33,18 +34,20 @@ class KeptMotions:
 
     def __init__(self, robot: Robot) -> None:
         self.wanted, self.limit = False, WayBackLimit()
+        self.retract_m, self._retreat = 0.0, Retreat()
         self._robot = robot
         self._path: KeptPath | None = None
 
     def serve(self, queue: MotionQueue, kinematics: ManipulatorKinematics) -> None:
         """The motions are those of `queue` from now on; the arm, which has these kinematics, is on their path."""
         self._queue, self._kinematics, self._path = queue, kinematics, None
+        self._retreat.forget()
         queue.kept = self
 
     @property
     def off_path(self) -> bool:
-        """The arm waits off its path, or is led back to it."""
-        return self._path is not None
+        """The arm goes back from what it met, waits off its path, or is led back to it."""
+        return self._path is not None or self._retreat.fault is not None
 
     @property
     def reason(self) -> str:
@@ -63,11 +66,15 @@ class KeptMotions:
 
     def give_up(self, seconds: float) -> None:
         """Stop on the way back, in at least `seconds`; what waits will not be done."""
+        if self._retreat.fault is not None:
+            self._retreat.stop()
         if self._path is not None:
             self._path.give_up(seconds)
 
-    def keep(self, fault: ServoFault | LinkError) -> bool:
+    def keep(self, fault: ServoFault | LinkError, paused: bool) -> bool:
         """See `PathKeeper.keep`."""
+        if self._retreat.wanted(fault, self.retract_m if self._may_retract(paused) else 0.0):
+            return True
         if self._path is None and self.wanted:
             self._path = kept_path(self._queue.engine, self._kinematics, self._queue.tick, fault)
         if self._path is None or self._path.given_up:
@@ -75,10 +82,15 @@ class KeptMotions:
         self._path.wait_again(fault)
         return True
 
+    def _may_retract(self, paused: bool) -> bool:
+        """Whether the arm, which was on its path, is not wanted at rest."""
+        return self._path is None and not (paused or self._queue.paused or self._queue.engine.stopping)
+
     def look(self, seen: MachineSample, paused: bool) -> None:
         """See `PathKeeper.look`."""
-        if self._path is not None:
+        if self.off_path:
             self._queue.count(seen)
+        if self._path is not None:
             self._path.hear(paused, self._queue.tick)
             self.insist()
 
@@ -93,15 +105,31 @@ class KeptMotions:
         def objection_to(goal: Floats) -> MotionError | None:
             return self.limit.objection(self._robot, self._kinematics.forward, seen.q, goal)
 
-        return self._path is not None and self._path.confirmed and self._path.judge(objection_to)
+        if self._path is None:
+            return self._retreat.fault is not None
+        return self._path.confirmed and self._path.judge(objection_to)
 
     def lead_back(self, q: Floats) -> None:
         """See `PathKeeper.lead_back`."""
         if self._path is not None:
             self._path.lead_back(self._queue.engine_at, np.array(q))
+        else:
+            self._retreat.begin(np.array(q), self._kinematics.limits, self._queue.period_s, self._kinematics.forward)
+
+    @property
+    def met(self) -> ServoFault | LinkError | None:
+        """See `PathKeeper.met`."""
+        return self._retreat.over
+
+    def note(self, q: Floats) -> None:
+        """Remember a setpoint (n,) of a motion, by which the arm may have to go back."""
+        if self.retract_m > 0.0:
+            self._retreat.note(q)
 
     def setpoint(self, override: float) -> Floats | None:
-        """The setpoint (n,) of a sample on the way back; None on the path. Raises what `KeptPath.way_back` raises."""
+        """The setpoint (n,) of a sample off the path; None on it. Raises what `KeptPath.way_back` raises."""
+        if self._retreat.fault is not None:
+            return self._retreat.step(paused=override == 0.0)
         if self._path is None:
             return None
         q = self._path.way_back(self._queue.tick, override)

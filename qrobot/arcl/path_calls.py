@@ -12,6 +12,7 @@ from qrobot.arcl.kept_motions import KeptMotions
 from qrobot.arcl.machine import RobotMachine
 from qrobot.errors import MotionError
 from qrobot.motion.kept import WayBackLimit
+from qrobot.rci.arguments import retract_m
 from qrobot.units import DEG_PER_RAD, M_PER_MM, MM_PER_M, RAD_PER_DEG
 
 WAY_BACK_MM: Final = WayBackLimit().way_m * MM_PER_M
@@ -65,6 +66,22 @@ class PathCalls(ABC):
             self._kept.wanted = bool(keep)
             self.ami.keep_path(self._kept)
 
+    def retract(self, mm: float) -> None:
+        """Let the arm go back after a collision, by `mm` of its flange along the path just travelled; 0: stay there.
+
+        When the servo has stopped the arm for COLLISION and holds it, the arm goes back slowly (100 mm/s at most), and
+        comes to rest; then the program is told ServoFault, or its motions are kept (`keep_path`). It goes back once:
+        what it meets on the way ends that, and so do `stop` and a pause, of the program or the operator. The path is
+        remembered from this call on. Other arms of the program do not know of it.
+
+        Raises:
+            MotionError: no such distance, or this machine cannot take an arm again that it has lost.
+        """
+        length_m = retract_m("retract", mm)
+        with self._lock():
+            self.ami.keep_path(self._kept)
+            self._kept.retract_m = length_m
+
     @property
     def kept(self) -> str:
         """Reason for which the arm stands off its path, until somebody confirms that it may go back; else empty."""
@@ -72,7 +89,7 @@ class PathCalls(ABC):
 
     @property
     def off_path(self) -> bool:
-        """The arm is off its path: it waits (`kept`), or is led back to it."""
+        """The arm is off its path: it waits (`kept`), is led back to it, or goes back from what it met (`retract`)."""
         return self._kept.off_path
 
     def pause(self) -> None:

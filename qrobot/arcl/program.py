@@ -202,6 +202,11 @@ def arcl_keep_path(
     _opened("arcl_keep_path", rp).keep_path(keep, way_back_mm, way_back_deg)
 
 
+def arcl_retract(rp: ArclRobot, mm: float) -> None:
+    """Let the arm go back by the way it came after a collision; see `ArclRobot.retract`."""
+    _opened("arcl_retract", rp).retract(mm)
+
+
 def arcl_kept(rp: ArclRobot) -> str:
     """Reason for which the arm stands off its path; see `ArclRobot.kept`."""
     return _opened("arcl_kept", rp).kept

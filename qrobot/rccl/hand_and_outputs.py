@@ -10,21 +10,11 @@ from qrobot.config import Robot
 from qrobot.errors import MotionError
 from qrobot.rccl.arm_session import ArmSession
 from qrobot.rccl.task import TrajectoryTask
-from qrobot.rci.arguments import collision_of, numbers, payload_of
-from qrobot.units import M_PER_MM
+from qrobot.rci.arguments import collision_of, numbers, payload_of, retract_m
 from qrobot.wire.packets import analog_output
 from qrobot.wire.vocabulary import N_ANALOG_OUTPUTS, Hand
 
 RETRACT: Final = "retract"
-MOST_BACK_MM: Final = 300.0  # [A] after a collision
-
-
-def retract_m(call: str, mm: float) -> float:
-    """A way back, m. Raises MotionError: it is none, or too long."""
-    (mm,) = numbers(call, mm)
-    if not 0.0 <= mm <= MOST_BACK_MM:
-        raise MotionError(f"{call}({mm:g}): 0 to {MOST_BACK_MM:g} mm are possible")
-    return mm * M_PER_MM
 
 
 class HandAndOutputs:
@@ -122,7 +112,8 @@ class HandAndOutputs:
         on the way ends that. The path is remembered from this call on.
 
         In a program of several arms the others stand still on their paths meanwhile. While one of them goes to a goal
-        that moves, or stays with one, no arm goes back: two may hold one thing.
+        that moves, or stays with one, no arm goes back: two may hold one thing. `stop`, and a pause of the program or
+        the operator, let the arm come to rest on its way, and end that.
 
         Raises:
             MotionError: no such distance.

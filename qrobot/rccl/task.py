@@ -29,14 +29,13 @@ from qrobot.motion import (
     kinematics_of,
     motion_limits,
 )
-from qrobot.motion.kept import KeptPath, WayBackLimit, kept_path
+from qrobot.motion.kept import KeptPath, Retreat, WayBackLimit, kept_path
+from qrobot.motion.trajectory.setpoint_player import SetpointPlayer
 from qrobot.rccl.callback_timing import CallbackTiming
 from qrobot.rccl.event import Level
 from qrobot.rccl.open_motions import OpenMotions
 from qrobot.rccl.parameters import MoveOrder
-from qrobot.rccl.retreat import Retreat, TravelledPath, is_collision
-from qrobot.rccl.setpoint_player import SetpointPlayer, check_fences, check_fit, check_start
-from qrobot.rccl.setpoints import Setpoints
+from qrobot.rccl.setpoints import Setpoints, check_fences, check_fit, check_start
 from qrobot.rccl.task_group import TaskGroup
 from qrobot.rccl.trace import Trace
 from qrobot.rci import RobotData, TaskDescriptor
@@ -97,9 +96,8 @@ class TrajectoryTask:
         self.period_number: int | None = None
         self.override, self.paused = FULL_SPEED, False
         self.keeps_path, self.way_back = False, WayBackLimit()
-        self.retract_m, self._travelled = 0.0, TravelledPath()
+        self.retract_m, self._retreat = 0.0, Retreat()
         self._kept: KeptPath | None = None
-        self._retreat: Retreat | None = None
         self.each_sample: Callable[[], object] | None = None
         self._moved = False  # joints, by that function in the sample before
         self._robot, self._blend = robot, blend
@@ -220,9 +218,10 @@ class TrajectoryTask:
 
     def stop(self, seconds: float = 0.0, retreat_too: bool = True) -> None:
         """Drop all motions and come to an absolute rest, in at least `seconds`; does nothing before the arm holds."""
-        if self._retreat is not None:
+        if self._retreat.fault is not None:
             if retreat_too:
                 self._retreat.stop()
+                self.generator.stop(seconds)
         elif self._kept is not None:
             self._kept.give_up(seconds)
         elif self._player is not None:
@@ -244,7 +243,7 @@ class TrajectoryTask:
     @property
     def off_path(self) -> bool:
         """The arm is not on its path: it goes back from what it met, waits, or is led to a path that is kept."""
-        return self._kept is not None or self._retreat is not None
+        return self._kept is not None or self._retreat.fault is not None
 
     @property
     def tied(self) -> bool:
@@ -322,9 +321,9 @@ class TrajectoryTask:
         """The servo holds the arm, or none does: keep the path if that is wanted. Raises `fault`: it is not kept."""
         if self._cycle.phase is CyclePhase.STOPPING:
             raise fault
-        again, self._retreat = self._retreat is not None, None
-        if not again and self._may_retract(fault):
-            self._retract(fault)
+        if self._retreat.wanted(fault, self.retract_m if self._may_retract else 0.0):
+            self._cycle.stand()
+            self._cycle.take_again(self.how is not None and self.how.powered)
             return
         if self._kept is None and self.keeps_path and self._generator is not None and self._player is None:
             self._kept = kept_path(self._generator, self._kinematics, self.tick, fault)
@@ -334,16 +333,12 @@ class TrajectoryTask:
         self._cycle.stand()
         self.chg.path_waits = True
 
-    def _may_retract(self, fault: ServoFault | LinkError) -> bool:
-        if self._generator is None or self._generator.stopping or (self.group is not None and self.group.tied):
-            return False  # it is wanted at rest, or may hold what another one holds
-        return is_collision(fault) and self.retract_m > 0.0 and self._kept is None
-
-    def _retract(self, fault: ServoFault | LinkError) -> None:
-        """Take the arm again, to lead it a little back."""
-        self._retreat = Retreat(fault, self._travelled, self.retract_m)
-        self._cycle.stand()
-        self._cycle.take_again(self.how is not None and self.how.powered)
+    @property
+    def _may_retract(self) -> bool:
+        if self._generator is None or self.how is None or (self.group is not None and self.group.tied):
+            return False  # it may hold what another one holds
+        at_rest = self._generator.stopping or self.paused or self.how.paused  # it is wanted there
+        return self._kept is None and not at_rest
 
     def _wait(self) -> None:
         """Hold whatever can be held, until somebody confirms, or the program gives the path up."""
@@ -364,8 +359,8 @@ class TrajectoryTask:
         how, tick = self.how, self.tick
         if how is None:
             return
-        if self._retreat is not None:
-            self._go_back(self._retreat, how)
+        if self._retreat.fault is not None:
+            self._go_back(how)
             return
         if self.group is not None:
             self.group.before_sample(tick)
@@ -392,16 +387,16 @@ class TrajectoryTask:
                 self.completed.signal()
         self.motions.update_progress(output)
         if self.retract_m > 0.0:
-            self._travelled.note(output.q)
+            self._retreat.note(output.q)
         if self.generated is not None:
             self.generated(output.q)
 
-    def _go_back(self, retreat: Retreat, how: RobotState) -> None:
+    def _go_back(self, how: RobotState) -> None:
         """Go a little back from what was met; there the program is told, or its path waits."""
-        self._send(retreat.step(), how)
-        if retreat.done and self.follows_setpoints:
-            self._travelled.forget()
-            self._stopped(retreat.fault)
+        self._send(self._retreat.step(self.paused or how.paused), how)
+        if (met := self._retreat.over) is not None and self.follows_setpoints:
+            self._retreat.forget()
+            self._stopped(met)
             self.chg.stop = True  # this run of setpoints has ended
 
     def _send(self, q: Floats, how: RobotState) -> None:
@@ -422,7 +417,7 @@ class TrajectoryTask:
     def _play(self, player: SetpointPlayer, how: RobotState) -> None:
         q = player.step()
         self._send(q, how)
-        self._travelled.note(q)
+        self._retreat.note(q)
         if player.done:
             self._player = None
             self._stand_at(q)
@@ -430,10 +425,10 @@ class TrajectoryTask:
 
     def _begin_at(self, q: Floats) -> None:
         """Begin with an arm that is held at `q` (n,): anew, or with the way back to a path that was kept."""
-        if self._retreat is not None:
+        if self._retreat.fault is not None:
             self._retreat.begin(q, self._limits, self.period_s, self.motions.arm.forward)
         elif self._kept is None:
-            self._travelled.forget()
+            self._retreat.forget()
             self._stand_at(q)
         else:
             self._kept.lead_back(self._generator_at, q)

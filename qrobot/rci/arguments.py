@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from math import isfinite, nan
-from typing import SupportsFloat
+from typing import Final, SupportsFloat
 
 from qrobot.config import Robot
 from qrobot.config.collision import threshold_objection
 from qrobot.errors import MotionError
 from qrobot.units import M_PER_MM
 from qrobot.wire import Collision, CollisionReaction, Payload
+
+MOST_BACK_MM: Final = 300.0  # [A] after a collision
 
 
 def numbers(call: str, *values: object) -> tuple[float, ...]:
@@ -33,6 +35,14 @@ def payload_of(call: str, kg: float, centre: Sequence[float], inertia: Sequence[
     if len(at) != 3 or len(moments) != 6:
         raise MotionError(f"{call}: a centre has 3 numbers, mm, and an inertia 6, kg m^2: xx yy zz xy xz yz")
     return Payload(mass, tuple(M_PER_MM * x for x in at), tuple(moments))
+
+
+def retract_m(call: str, mm: float) -> float:
+    """A way back from what the arm has met, m. Raises MotionError: it is none, or too long."""
+    (mm,) = numbers(call, mm)
+    if not 0.0 <= mm <= MOST_BACK_MM:
+        raise MotionError(f"{call}({mm:g}): 0 to {MOST_BACK_MM:g} mm are possible")
+    return mm * M_PER_MM
 
 
 def collision_of(call: str, robot: Robot, reaction: str, thresholds: Sequence[float] | None, *others: str) -> Collision:

@@ -186,6 +186,10 @@ class ArclArm:
         """See `ValArm`."""
         self._rp.collision(reaction, None if thresholds is None else thresholds.tolist())
 
+    def retract(self, mm: float) -> None:
+        """See `ValArm`."""
+        self._rp.retract(mm)
+
     def sample(self) -> None:
         """See `ValArm`."""
         before = self._rp.ami.sample

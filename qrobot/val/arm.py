@@ -70,7 +70,7 @@ class ValArm(Protocol):
 
     @property
     def off_path(self) -> bool:
-        """The arm is off its path: it waits (`kept`), or is led back to it."""
+        """The arm is off its path: it waits (`kept`), is led back to it, or goes back from what it met (`retract`)."""
 
     @property
     def waiting(self) -> int:
@@ -93,7 +93,7 @@ class ValArm(Protocol):
         """Come to rest on the path, and forget what waits. Control of an arm that is off its path is lost."""
 
     def pause(self) -> None:
-        """Let an arm that is led back to its path stand still on its way; `kept` tells so, until `resume`."""
+        """Let an arm that is off its path stand still on its way; `kept` tells so, until `resume`."""
 
     def resume(self) -> None:
         """Let an arm that has been stopped, and whose path is `kept`, go back to it, and on."""
@@ -117,6 +117,12 @@ class ValArm(Protocol):
         """Choose what follows a collision, "stop" or "comply", and when one is told; some samples pass.
 
         Thresholds are torques, N m (N), shape (n,), None for those of the robot file. Raises MotionError: no such.
+        """
+
+    def retract(self, mm: float) -> None:
+        """Let the arm go back after a collision, by `mm` of its flange; then its path is `kept`. 0: it stays there.
+
+        Raises MotionError: no such distance.
         """
 
     def sample(self) -> None:

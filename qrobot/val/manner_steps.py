@@ -55,6 +55,9 @@ def _parameter(run: Interpreter, task: ValTask, action: tree.ParameterSetting) -
             raise ProgramError(f"COLLISION is {LEAST_COLLISION:g} to {FILES_OWN:g} per cent, not {value:g}")
         run.machine.tell_collisions(value, run.machine.switches["COMPLY"])
         return
+    if action.name == "RETRACT":
+        run.machine.arm.retract(value)
+        return
     if not 0.0 <= value <= 60.0:
         raise ProgramError(f"HAND.TIME is 0 to 60 s, not {value:g}")
     run.machine.hand_time_s = value

@@ -39,6 +39,7 @@ HELP: Final[dict[str, str]] = {
     "LOAD": "file    programs and locations, in place of those of the same name; .v2 may be left out",
     "STORE": "file    all there is",
     "SPEED": "n    monitor speed, per cent",
+    "RETRACT": "n    mm by which the arm goes back after a collision; 0 for not at all",
     "IO": "signals that are on",
     "STATUS": "how far the program is",
     "CALIBRATE": "whether the arm is calibrated; `qrobot calibrate` does it",
@@ -87,6 +88,7 @@ class ValMonitor:
             "LOAD": self._load,
             "STORE": self._store,
             "SPEED": self._speed,
+            "RETRACT": lambda rest: self._do(f"PARAMETER RETRACT = {rest}"),
             "IO": lambda _: self._signals(),
             "STATUS": lambda _: " ".join(filter(None, [self._run.state.value, self._run.message])),
             "CALIBRATE": lambda _: (

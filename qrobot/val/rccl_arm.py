@@ -164,6 +164,10 @@ class RcclArm:
         """See `ValArm`."""
         self._channel.collision(reaction, None if thresholds is None else thresholds.tolist())
 
+    def retract(self, mm: float) -> None:
+        """See `ValArm`."""
+        self._channel.retract(mm)
+
     def sample(self) -> None:
         """See `ValArm`."""
         before = self._channel.how.t_ns

@@ -155,7 +155,7 @@ NUMBER_VALUES: Final[dict[str, float]] = {"true": -1.0, "false": 0.0, "on": -1.0
 UNSUPPORTED_FUNCTIONS: Final = frozenset({"STATE", "ERROR", "ADC", "LEN", "ASC", "VAL", "TASK", "STATUS", "LAST"})
 
 SWITCHES: Final = ("CP", "DRY.RUN", "TRACE", "MESSAGES", "COMPLY")
-PARAMETERS: Final = ("HAND.TIME", "COLLISION")
+PARAMETERS: Final = ("HAND.TIME", "COLLISION", "RETRACT")
 
 OUTPUTS: Final = range(1, 17)
 INPUTS: Final = range(1001, 1033)

@@ -69,7 +69,8 @@ BREAK
 """
 COMMANDS: Final = (
     *("EX main", "EX main,2", "EX endless,-1", "EX wrong", "XSTEP main", "NEXT", "PROCEED", "PROCEED", "PROCEED"),
-    *("RETRY", "ABORT", "SPEED 20", "SPEED 100", "DO MOVE #c", "DO MOVE #a", "DO DRIVE 2,-5,50", "WHERE", "STATUS"),
+    *("RETRY", "ABORT", "SPEED 20", "SPEED 100", "RETRACT 30"),
+    *("DO MOVE #c", "DO MOVE #a", "DO DRIVE 2,-5,50", "WHERE", "STATUS"),
 )
 
 

@@ -8,57 +8,15 @@ import numpy as np
 import pytest
 
 from qrobot import rccl
-from qrobot.arrays import Floats
-from qrobot.config.scene import Scene
 from qrobot.errors import ServoFault
 from qrobot.faultcodes import FaultCode
 from qrobot.motion import Termination
 from qrobot.pendant.held_press import Press
 from qrobot.pendant.jog_session import JogSession
-from qrobot.rig.lockstep import LockstepRig, link_factory
-from qrobot.servo.settings import ServoSettings
-from qrobot.sim_board.emulator import Emulator
-from qrobot.sim_board.mujoco_plant import PlantMemory
-from tests.support.dead_encoder import TABLE
-from tests.support.pressing import tip_down
+from qrobot.rig.lockstep import link_factory
+from tests.support.collision_table import BELOW, END, Table, X
 from tests.support.puma import LIMITS, ROBOT
 from tests.support.puma import arm as puma
-
-TOP, X = -0.3, 0.5  # m
-ABOVE, BELOW = 0.05, 0.05  # m, where the motion begins, and where it would end
-SCENE = Scene(kind="table", position_m=(X, 0.0, TOP))
-BEGIN, END = (tip_down(X, 0.0, TOP + height, SCENE) for height in (ABOVE, -BELOW))
-
-
-class Table(LockstepRig):
-    """A table, and an arm above it whose program is to go straight down into it; each so many cycles are noted."""
-
-    def __init__(self, every: int = 1) -> None:
-        self.every = every
-        self.forces: list[float] = []
-        self.setpoints: list[Floats] = []
-        super().__init__(
-            ROBOT, ServoSettings(rate_hz=1000.0, calibration=TABLE), Emulator(ROBOT, start=BEGIN, scene=SCENE)
-        )
-
-    @property
-    def plant(self) -> PlantMemory:
-        """Arm and table."""
-        plant = self.emulator.memory
-        assert isinstance(plant, PlantMemory)
-        return plant
-
-    def ticks(self, n: int) -> None:
-        """So many cycles, some by some."""
-        for begin in range(0, n, self.every):
-            super().ticks(min(self.every, n - begin))
-            self.forces.append(float(np.linalg.norm(self.plant.contact_force())))
-            self.setpoints.append(np.array(self.mailbox.snapshot().q_setpoint))
-
-    def tip_m(self) -> float:
-        """Height of the tool's tip above the table by the measured joints."""
-        T = puma().forward(np.array(self.mailbox.snapshot().q))
-        return float(T[2, 3] + T[2, 2] * (ROBOT.geometry.flange_m + SCENE.tool.length_m)) - TOP
 
 
 def go_down(arm: rccl.Channel, mm_s: float = 150.0) -> rccl.Position:
@@ -72,7 +30,7 @@ def go_down(arm: rccl.Channel, mm_s: float = 150.0) -> rccl.Position:
     return end
 
 
-def run(rig: LockstepRig, retract_mm: float) -> None:
+def run(rig: Table, retract_mm: float) -> None:
     """A program that goes on until it is told of a fault."""
     with rccl.use(lambda hello: link_factory(rig, 28_000, hello)), rccl.control(ROBOT.name) as arm:
         arm.retract(retract_mm)
@@ -107,7 +65,7 @@ def test_a_path_that_is_kept_waits_off_what_was_met_and_goes_on_when_that_is_gon
         end = go_down(arm)
         arm.waitas(lambda: arm.kept)
         assert one.tip_m() > 0.01
-        one.plant.model.geom_contype[:] = one.plant.model.geom_conaffinity[:] = 0  # the table is taken away
+        one.take_table_away()
         arm.resume()
         arm.waitfor(arm.completed)
         assert end.code == Termination.COMPLETED

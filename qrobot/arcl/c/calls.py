@@ -255,6 +255,7 @@ CALLS: Final[dict[str, CHandler]] = {
     "arcl_skip": _plain(arcl.arcl_skip),
     "arcl_override": _plain(arcl.arcl_override),
     "arcl_keep_path": _plain(arcl.arcl_keep_path),
+    "arcl_retract": _plain(arcl.arcl_retract),
     "arcl_kept": _kept,
     "arcl_setload": _plain(arcl.arcl_setload),
     "arcl_collision": _plain(arcl.arcl_collision),

@@ -244,7 +244,7 @@ class BridgeMachine:
     def _stopped(self, fault: ServoFault | LinkError) -> None:
         """The servo holds the arm, or none does. Raises `fault`: nobody keeps its path."""
         leaving = self._robot.phase is CyclePhase.STOPPING
-        if leaving or self._cycle is None or self._keeper is None or not self._keeper.keep(fault):
+        if leaving or self._cycle is None or self._keeper is None or not self._keeper.keep(fault, self.td.how.paused):
             raise fault
         self._robot.stand()
         self.td.chg.path_waits = True
@@ -271,6 +271,9 @@ class BridgeMachine:
         self.td.chg.go_to(tuple((q + self._settings.zero).tolist()))
         self._write(RecordKind.MEASURED, self.sample.q)
         self._write(RecordKind.JOINTS, q)
+        if self._keeper is not None and (met := self._keeper.met) is not None:
+            self._stopped(met)
+            self.td.chg.stop = True  # this run of setpoints has ended
 
     def _sample_of(self, how: RobotState) -> MachineSample:
         self._first_ns = how.t_ns if self._first_ns is None else self._first_ns

@@ -139,7 +139,7 @@ class EmulatedMachine:
 
     def keep_path(self, keeper: PathKeeper) -> None:  # noqa: ARG002 (there is nobody who would give the arm back)
         """See `RobotMachine.keep_path`. Raises MotionError, always."""
-        raise MotionError(f"keep_path: the machine layer {self.name!r} cannot take an arm again that it has lost")
+        raise MotionError(f"the machine layer {self.name!r} cannot take an arm again that it has lost")
 
     def lend(self, borrower: Callable[[LinkFactory], None]) -> Floats:  # noqa: ARG002 (there are no links)
         """See `RobotMachine.lend`. Raises MotionError, always."""

@@ -85,8 +85,15 @@ class PathKeeper(Protocol):
     def reason(self) -> str:
         """Reason for which the arm stands off its path, until somebody confirms that it may go back; else empty."""
 
-    def keep(self, fault: ServoFault | LinkError) -> bool:
-        """Control of the arm would end with `fault`; true when the arm is to stand instead, and be taken again."""
+    @property
+    def met(self) -> ServoFault | LinkError | None:
+        """The fault of an arm that has been taken again, and is back from what it met: `keep` is to be asked anew."""
+
+    def keep(self, fault: ServoFault | LinkError, paused: bool) -> bool:
+        """Control of the arm would end with `fault`; true when the arm is to stand instead, and be taken again.
+
+        `paused` tells that the operator holds motions.
+        """
 
     def look(self, seen: MachineSample, paused: bool) -> None:
         """A sample in which the arm is off its path, and `cycle` is not called; the end of a pause confirms.

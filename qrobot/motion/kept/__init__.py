@@ -1,6 +1,7 @@
-"""A path that outlives a stop of the servo, and the way back to it, for every programming library."""
+"""Ways back of an arm that the servo has stopped, for every library: to its path, and from what it has met."""
 
 from qrobot.motion.kept.kept_path import WAY_BACK_SHARE, KeptPath, kept_path
+from qrobot.motion.kept.retreat import Retreat
 from qrobot.motion.kept.way_back import ToolPose, WayBackLimit
 
-__all__ = ["WAY_BACK_SHARE", "KeptPath", "ToolPose", "WayBackLimit", "kept_path"]
+__all__ = ["WAY_BACK_SHARE", "KeptPath", "Retreat", "ToolPose", "WayBackLimit", "kept_path"]

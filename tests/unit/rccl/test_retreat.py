@@ -109,6 +109,41 @@ def test_what_comes_between_on_the_way_back_ends_it(fake: FakeRobot, how: str) -
     assert not how.startswith("stopped ") or np.ptp(after, axis=0).max() < 1e-9
 
 
+@pytest.mark.parametrize("who", ["program", "operator"])
+def test_a_pause_on_the_way_back_ends_it_and_the_path_waits_from_there(fake: FakeRobot, who: str) -> None:
+    with rccl.control("puma560") as arm:
+        arm.keep_path()
+        arm.retract(200)
+        go(arm)
+        arm.waitas(lambda: arm.time > 1200)
+        fake.halt(FaultCode.COLLISION)
+        before = len(fake.path)
+        arm.waitas(lambda: fake.mode is Mode.TRACKING and len(fake.path) > before + 30)
+        there = len(fake.path)
+        if who == "program":
+            arm.pause()
+        fake.paused = who == "operator"
+        arm.waitas(lambda: arm.kept)
+        assert len(fake.path) <= there + 30
+        assert "COLLISION" in arm.kept
+        fake.paused = False
+        arm.resume()
+        arm.waitfor(arm.completed)
+    assert np.degrees(fake.q) == pytest.approx(END)
+
+
+def test_a_stop_on_the_way_back_gives_a_kept_path_up(fake: FakeRobot) -> None:
+    with rccl.control("puma560") as arm:
+        arm.keep_path()
+        arm.retract(200)
+        go(arm)
+        arm.waitas(lambda: arm.time > 1200)
+        fake.halt(FaultCode.COLLISION)
+        arm.waitas(lambda: arm.off_path)
+        arm.stop()
+        assert told(arm).code == FaultCode.COLLISION
+
+
 @pytest.mark.parametrize("wrong", [-1.0, 301.0, float("nan")])
 def test_a_way_back_has_a_length_that_can_be(fake: FakeRobot, wrong: float) -> None:
     with rccl.control("puma560") as arm, pytest.raises(MotionError, match="retract"):

@@ -10,7 +10,7 @@ import pytest
 from qrobot.config import load_robot
 from qrobot.errors import ConfigError, JointLimit, MotionError
 from qrobot.motion import motion_limits
-from qrobot.rccl.setpoint_player import SetpointPlayer
+from qrobot.motion.trajectory.setpoint_player import SetpointPlayer
 from qrobot.rccl.setpoints import Setpoints, read_setpoints, write_setpoints
 
 ROBOT = load_robot("puma560")

@@ -213,6 +213,7 @@ void arcl_close(ROBOT *rp);
 void arcl_skip(ROBOT *rp);
 void arcl_override(ROBOT *rp, double percent); /* of the programmed speed, above 0 to 100 */
 void arcl_keep_path(ROBOT *rp, int keep, double way_back_mm, double way_back_deg); /* motions outlive a stop: 1, 300, 45 */
+void arcl_retract(ROBOT *rp, double mm); /* go back so far after a collision, by the way travelled: 0 to 300 */
 char *arcl_kept(ROBOT *rp); /* why the arm stands off its path, "" on it; good until the next call */
 void arcl_pause(ROBOT *rp);       /* motions stand still on their path, or on the way back to it */
 void arcl_resume(ROBOT *rp);      /* they go on, and an arm off its path may be led back */

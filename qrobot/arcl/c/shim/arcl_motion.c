@@ -80,6 +80,11 @@ API void arcl_keep_path(ROBOT *rp, int keep, double way_back_mm, double way_back
               LIST(arcl_object(rp), arcl_integer(keep), arcl_real(way_back_mm), arcl_real(way_back_deg)));
 }
 
+API void arcl_retract(ROBOT *rp, double mm)
+{
+    arcl_call("arcl_retract", NULL, LIST(arcl_object(rp), arcl_real(mm)));
+}
+
 API char *arcl_kept(ROBOT *rp)
 {
     static __thread char text[SHIM_TEXT];

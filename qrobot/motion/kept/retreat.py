@@ -1,7 +1,7 @@
 """A short way back after a collision: along the path just travelled, slowly, then rest.
 
 The servo stops an arm that meets something, and holds it where it got to, often in touch
-(`servo.stages.collision_stop`). Where a program wants that, its task takes the arm again, and leads it back over the
+(`servo.stages.collision_stop`). Where a program wants that, its library takes the arm again, and leads it back over the
 setpoints that it had sent: the way by which the arm came was free a moment ago. What the arm stands off its path by
 fades out on the way.
 """
@@ -18,9 +18,9 @@ from numpy.polynomial import Chebyshev
 from qrobot.arrays import Floats
 from qrobot.errors import LinkError, ServoFault
 from qrobot.faultcodes import FaultCode
-from qrobot.motion.kept import ToolPose
+from qrobot.motion.kept.way_back import ToolPose
+from qrobot.motion.trajectory.setpoint_player import SetpointPlayer
 from qrobot.motion.world.limits import MotionLimits
-from qrobot.rccl.setpoint_player import SetpointPlayer
 
 MOST_SETPOINTS: Final = 1000  # that are remembered, of an arm that moves
 MOVED: Final = 1e-6  # rad or m: less is rest
@@ -33,11 +33,6 @@ LAST: Final = 6  # samples at the end, until the servo has followed
 PEAK: Final = 1.875  # of the quintic's speed, its mean being 1
 ACCELERATION: Final = 0.25  # [A] of the joints' greatest
 STRETCH: Final = 1.25
-
-
-def is_collision(fault: ServoFault | LinkError) -> bool:
-    """The servo has stopped the arm because it has met something."""
-    return isinstance(fault, ServoFault) and fault.code == FaultCode.COLLISION
 
 
 class TravelledPath:
@@ -125,38 +120,57 @@ def _gentle(q: Floats, limits: MotionLimits, period_s: float) -> bool:
 
 
 class Retreat:
-    """One way back of an arm that the servo has stopped.
+    """Leads an arm back from what it has met: a little, and once each time.
 
-    Args:
-        fault: that the program is told when the arm is there.
-        travelled: setpoints of the arm.
-        length_m: of the flange.
+    Attributes:
+        fault: with which the servo has stopped the arm that goes back; None while it does not.
     """
 
-    def __init__(self, fault: ServoFault | LinkError, travelled: TravelledPath, length_m: float) -> None:
-        self.fault = fault
-        self._travelled, self._length_m = travelled, length_m
+    def __init__(self) -> None:
+        self.fault: ServoFault | LinkError | None = None
+        self._travelled = TravelledPath()
+        self._length_m, self._halted = 0.0, False
         self._player: SetpointPlayer | None = None
-        self._stopped = False
+
+    def note(self, q: Floats) -> None:
+        """Remember a setpoint (n,) of a motion."""
+        self._travelled.note(q)
+
+    def forget(self) -> None:
+        """The motions to come begin elsewhere."""
+        self._travelled.forget()
+
+    def wanted(self, fault: ServoFault | LinkError, length_m: float) -> bool:
+        """Whether an arm that the servo has stopped with `fault` is to be taken again, and to go back by `length_m`.
+
+        It is when it has met something, unless that was on the way back itself; `length_m` of 0 is no way.
+        """
+        again, self.fault = self.fault is not None, None
+        met = isinstance(fault, ServoFault) and fault.code == FaultCode.COLLISION
+        if not met or again or length_m == 0.0:
+            return False
+        self.fault, self._length_m, self._player, self._halted = fault, length_m, None, False
+        return True
 
     def begin(self, q: Floats, limits: MotionLimits, period_s: float, forward: ToolPose) -> None:
         """The arm is held at `q` (n,)."""
-        way = q[None] if self._stopped else self._travelled.way_back(q, self._length_m, forward)
+        way = q[None] if self._halted else self._travelled.way_back(q, self._length_m, forward)
         self._player = SetpointPlayer(slow_setpoints(way, limits, period_s, forward), period_s, limits)
 
-    def step(self) -> Floats:
-        """The next setpoint. Shape (n,). Raises the fault: it has not begun."""
-        if self._player is None:
-            raise self.fault
+    def step(self, paused: bool) -> Floats:
+        """The next setpoint. Shape (n,). A pause ends the way where the arm comes to rest."""
+        assert self._player is not None  # it has begun
+        if paused:
+            self.stop()
         return self._player.step()
 
     @property
-    def done(self) -> bool:
-        """The arm is there, or has been stopped on the way."""
-        return self._player is not None and self._player.done
+    def over(self) -> ServoFault | LinkError | None:
+        """The fault, once the arm is there or has come to rest on its way; None before."""
+        return self.fault if self._player is not None and self._player.done else None
 
     def stop(self) -> None:
         """Come to rest on the way, or do not begin it."""
-        self._stopped = True
+        self._halted = True
         if self._player is not None:
             self._player.stop()

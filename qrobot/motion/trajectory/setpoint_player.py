@@ -2,45 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Final
-
 import numpy as np
 
 from qrobot.arrays import Floats
-from qrobot.errors import MotionError
-from qrobot.fences.fence_set import FenceSet
 from qrobot.motion.world.limits import MotionLimits
-from qrobot.rccl.setpoints import Setpoints
-
-START_TOLERANCE: Final = 1e-4  # rad or m, between the arm's setpoint and the first of a list
-
-
-def check_fit(setpoints: Setpoints, robot: str, period_s: float, label: str) -> None:
-    """Raise MotionError when setpoints are for another robot, or another sample period."""
-    if setpoints.robot != robot:
-        raise MotionError(f"{label}: made for {setpoints.robot}, this is {robot}")
-    if setpoints.period_us != round(period_s * 1e6):
-        periods = f"{setpoints.period_us / 1e3:g} ms from one to the next, the sample period is"
-        raise MotionError(f"{label}: {periods} {period_s * 1e3:g} ms")
-
-
-def check_start(q: Floats, here: Floats, limits: MotionLimits, label: str) -> None:
-    """Raise MotionError when setpoints that begin at `q` (n,) do not begin where the arm is, `here` (n,)."""
-    away = np.abs(q - here)
-    if (away > START_TOLERANCE).any():
-        j = int(away.argmax())
-        far = f"{away[j]:.4g} {'m' if limits.prismatic[j] else 'rad'}"
-        where = f"joint {j + 1} ({limits.names[j]}) stands {far} away"
-        raise MotionError(f"{label}: does not begin where the arm is: {where}; move there first")
-
-
-def check_fences(q: Floats, fences: FenceSet | None, label: str) -> None:
-    """Raise FenceCrossed when one of the setpoints (k, n) is too near a fence."""
-    if fences is None:
-        return
-    floor = fences.floor(q[0])
-    for number, row in enumerate(q):
-        fences.check(row, floor, label, number / len(q))
 
 
 class SetpointPlayer:
