@@ -18,7 +18,9 @@ from qrobot.hwif.lanes import post_operations
 from qrobot.realtime.atomics import load_acquire
 from qrobot.realtime.clock import monotonic_ns, pause, sleep_until_ns
 from qrobot.realtime.jit import lean_kernel
+from qrobot.realtime.thread_time import thread_time
 from qrobot.servo.checks.guardian_arming import disarm_when_safe, stands_down
+from qrobot.servo.checks.timing_checks import own_ns
 from qrobot.servo.cycle import cycle
 from qrobot.servo.kernels.converter import note_post
 from qrobot.servo.memory.telemetry import append_telemetry
@@ -130,6 +132,8 @@ def run(
         started = monotonic_ns() - slipped
         if started < deadline:
             continue  # time has slipped: the deadline is still to come
+        was_long = 2 * state.busy_ns > params.period_ns  # several in a row are looked at more closely
+        used = thread_time() if was_long else (0, 0)
         if card[CARD_KIND] != NO_CARD:
             show_card(card, board, started)
         one_cycle(params, state, mail, ring, board, deadline, started - deadline)
@@ -137,6 +141,8 @@ def run(
             serve_card(card, board, started)
         finished = monotonic_ns() - slipped
         state.busy_ns = finished - started
+        if was_long:
+            state.busy_ns = own_ns(state.busy_ns, used, thread_time())
         powered = wants_power(state.mode)
         if load_acquire(mail.command, "shutdown") == 0 or powered:
             asked_ns = deadline

@@ -5,7 +5,14 @@ from __future__ import annotations
 import pytest
 
 from qrobot.faultcodes import FaultCode as F
-from qrobot.servo.checks.timing_checks import SLOW_CYCLES, check_overrun, check_slowness, grown_row, skipped_points
+from qrobot.servo.checks.timing_checks import (
+    SLOW_CYCLES,
+    check_overrun,
+    check_slowness,
+    grown_row,
+    own_ns,
+    skipped_points,
+)
 
 PERIOD_NS = 250_000
 
@@ -51,3 +58,25 @@ def test_a_row_grows_with_each_long_cycle_and_ends_with_a_short_one() -> None:
 def test_several_long_cycles_in_a_row_are_the_fault_of_what_runs_in_them() -> None:
     assert check_slowness(SLOW_CYCLES - 1) == F.NONE
     assert check_slowness(SLOW_CYCLES) == F.LAW_SLOW
+
+
+@pytest.mark.parametrize(
+    ("used_ns", "taken", "expected"),
+    [
+        (PERIOD_NS // 10, 0, 2 * PERIOD_NS),  # it waited: the time is its own
+        (PERIOD_NS // 10, 1, PERIOD_NS // 10),  # others had the processor
+        (3 * PERIOD_NS // 2, 4, 3 * PERIOD_NS // 2),  # they had, and it has computed for longer than a period
+        (3 * PERIOD_NS, 1, 2 * PERIOD_NS),  # what was used between two readings of two clocks is no longer than it took
+    ],
+)
+def test_a_cycle_is_not_blamed_for_the_time_of_others(used_ns: int, taken: int, expected: int) -> None:
+    began = (7 * PERIOD_NS, 40)
+    assert own_ns(2 * PERIOD_NS, began, (began[0] + used_ns, began[1] + taken)) == expected
+
+
+def test_a_loop_that_is_kept_from_running_in_every_cycle_does_not_make_a_law_slow() -> None:
+    """The first long cycle of a row is judged by the wall's clock, and what follows by the thread's."""
+    row = 0
+    for took_ns in (2 * PERIOD_NS, own_ns(2 * PERIOD_NS, (0, 0), (PERIOD_NS // 10, 1))) * 10:
+        row = grown_row(row, took_ns, PERIOD_NS)
+        assert check_slowness(row) == F.NONE
