@@ -87,6 +87,7 @@ class MotionQueue:
         q: where it stands. Shape (n,).
         reporter: is told what happens.
         fences: that the arm keeps off, None for none.
+        one_by_one: a motion is given when the one before it has begun, so none is shortened for want of another.
 
     Attributes:
         engine: the trajectory generator of the motions.
@@ -104,6 +105,7 @@ class MotionQueue:
         q: Floats,
         reporter: MotionReporter,
         fences: FenceSet | None = None,
+        one_by_one: bool = False,
     ) -> None:
         self._kinematics = kinematics
         self.period_s = period_s
@@ -115,6 +117,7 @@ class MotionQueue:
         self._current: Motion | None = None
         self._skip = False
         self.kept: KeptMotions | None = None
+        self.one_by_one = one_by_one
         self.override, self.paused = FULL_SPEED, False
 
     @property
@@ -224,7 +227,7 @@ class MotionQueue:
         return request
 
     def _request(self, motion: Motion, ta_ms: float) -> MoveRequest:
-        to_rest = not self._waiting
+        to_rest = not self._waiting and not self.one_by_one
         speed = segment_time(motion.options, motion.pos, self._kinematics, ta_ms, to_rest)
         return motion.request(speed, ta_ms * S_PER_MS)
 

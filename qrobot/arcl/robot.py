@@ -58,6 +58,7 @@ class ArclRobot(PathCalls, LineCalls):
         self._units = units_of(robot)
         self._options = MotionOptions()
         self._error: QRobotError | None = None
+        self._one_by_one = False
         self._closed = self._loss_told = self._given_up = False
         self._ticks = 0
         self._kept = KeptMotions(robot)
@@ -69,7 +70,7 @@ class ArclRobot(PathCalls, LineCalls):
         self.aki = _on_machine(self._full_aki, self.ami)
         fences = fences_for(self.name)
         fences = None if fences is None else fences.seen_from(self.aki.zero)
-        self._motions = MotionQueue(self.aki, self.ami.period_s, q, self, fences)
+        self._motions = MotionQueue(self.aki, self.ami.period_s, q, self, fences, self._one_by_one)
         self._kept.serve(self._motions, self.aki)
         self.ami.start(self._sample)
 
@@ -152,6 +153,11 @@ class ArclRobot(PathCalls, LineCalls):
         with self._lock():
             self._trace_stop(ms)
             self._motions.stop(ms * S_PER_MS)
+
+    def expect_more(self) -> None:
+        """Let no motion be shortened because nothing waits behind it: the next one is given when it has begun."""
+        with self._lock():
+            self._one_by_one = self._motions.one_by_one = True
 
     def skip(self) -> None:
         """End the motion under way, and go on to the next one, or stop if none waits."""

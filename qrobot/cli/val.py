@@ -251,10 +251,12 @@ def _serve(interpreter: Interpreter) -> int:
 
 def _execute(interpreter: Interpreter, program: str, cycles: int, speed: float) -> int:
     from qrobot.val.interpreter import RunState
+    from qrobot.val.terminal import forget_typed
 
     interpreter.machine.arm.override = speed
     state = interpreter.execute(_chosen(program, list(interpreter.machine.programs)), cycles)
     while state is RunState.PAUSED:
+        forget_typed()
         _ask(f"{interpreter.message}; return goes on ")
         state = interpreter.proceed()
     if state is RunState.COMPLETED:

@@ -72,6 +72,7 @@ class ArclArm:
         self._override = 100.0
         arcl_errproc(self._note)
         rp.keep_path()
+        rp.expect_more()  # else each motion would be faster than its SPEED, by the time of its transitions
 
     @property
     def time_s(self) -> float:

@@ -46,6 +46,7 @@ HELP: Final[dict[str, str]] = {
     "QUIT": "leave the monitor",
 }
 
+_MOVING: Final = ("EXECUTE", "XSTEP", "DO", "NEXT", "PROCEED", "RETRY")
 _COUNT: Final = re.compile("-?[0-9]{1,9}")
 _WORD: Final = 40  # characters of a word that are shown again
 
@@ -58,12 +59,14 @@ class ValMonitor:
 
     Attributes:
         over: nothing more is to be obeyed.
+        stopped: during the newest command the arm was stopped, or a mistake did it: what was typed meanwhile may not
+            let it go on.
         sure: asks somebody whether that is to be done, before a program that could be gone on with is given up; None
             where nobody can be asked: then it is told.
     """
 
     def __init__(self, interpreter: Interpreter) -> None:
-        self.over = False
+        self.over = self.stopped = False
         self.sure: Callable[[str], bool] | None = None
         self._run = interpreter
         self._machine = interpreter.machine
@@ -109,6 +112,7 @@ class ValMonitor:
         Raises:
             LinkError, ServoFault: the arm is lost.
         """
+        self.stopped = False
         word, rest = [*line.split(None, 1), "", ""][:2]
         if not word or word.startswith(";"):
             return ""
@@ -133,7 +137,11 @@ class ValMonitor:
             raise ProgramError(
                 f"there is no command {printable(word[:_WORD])}; ? lists them, and DO does a step", column=1
             )
-        return self._commands[found[0]](rest)
+        try:
+            return self._commands[found[0]](rest)
+        finally:
+            stopped = self._machine.arm.off_path or self._run.state is RunState.FAILED
+            self.stopped = stopped and found[0] in _MOVING
 
     # ------------------------------------------------------------------------------------------------------- programs
 

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import sys
+import termios
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 
 from qrobot.errors import ConfigError
 from qrobot.val.monitor import ValMonitor
@@ -20,10 +22,17 @@ def serve(monitor: ValMonitor, say: Callable[[str], None]) -> None:
             return
 
 
+def forget_typed() -> None:
+    """Let what was typed already, and nobody has read, not count: it is no answer to what is asked now."""
+    with suppress(OSError, ValueError, termios.error):  # a pipe, or nothing at all: its lines wait for their turn
+        termios.tcflush(sys.stdin.fileno(), termios.TCIFLUSH)
+
+
 def _typed(monitor: ValMonitor) -> Iterator[str]:
     try:
         from prompt_toolkit import PromptSession, prompt
         from prompt_toolkit.completion import WordCompleter
+        from prompt_toolkit.input.typeahead import clear_typeahead
     except ModuleNotFoundError as error:
         raise ConfigError("the monitor needs prompt_toolkit: pip install 'qrobot[val]'") from error
     session: PromptSession[str] = PromptSession()
@@ -36,6 +45,9 @@ def _typed(monitor: ValMonitor) -> Iterator[str]:
 
     monitor.sure = sure
     while True:
+        if monitor.stopped:
+            forget_typed()
+            clear_typeahead(session.input)
         try:
             yield session.prompt(PROMPT, completer=WordCompleter(monitor.names, ignore_case=True, WORD=True))
         except KeyboardInterrupt:

@@ -146,3 +146,14 @@ def test_signals_and_quit() -> None:
         monitor = ValMonitor(run)
         assert monitor.obey("QUIT") == ""
         assert monitor.over
+
+
+def test_the_monitor_knows_that_the_arm_was_stopped_during_a_command() -> None:
+    """Of a stop of the servo `test_val_interpreter.py` has the rest; here a mistake does it."""
+    text = main_program("MOVE a", "MOVE b", rest=".LOCATIONS\na 450 150 0 90 90 0\nb 2000 0 0 90 90 0\n.END")
+    with interpreter(text) as (run, _):
+        monitor, stopped = ValMonitor(run), []
+        for line in ("WHERE", "EX main", "WHERE", "RETRY", "FOO", "PROCEED"):
+            monitor.obey(line)
+            stopped.append(monitor.stopped)
+    assert stopped == [False, True, False, True, False, False]
