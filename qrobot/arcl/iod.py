@@ -110,6 +110,8 @@ def iod_set_value(iod: IOD, value: float) -> None:
 def iod_read(iod: IOD) -> int:
     """The value of the lines at the newest sample; of outputs what is in force, which a stop may have changed.
 
+    Outputs that were switched less than some samples ago read as they were switched.
+
     Raises MotionError: it is an analogue channel.
     """
     if _iod("iod_read", iod).channel >= 0:

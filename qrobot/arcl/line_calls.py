@@ -6,16 +6,20 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from contextlib import AbstractContextManager
 from math import inf, nan
+from typing import Final
 
 from qrobot.arcl.events import Grip
 from qrobot.arcl.machine import MachineSample, RobotMachine
-from qrobot.arcl.machine.digital import check_analog
+from qrobot.arcl.machine.digital import check_analog, set_bits
 from qrobot.arrays import Floats
 from qrobot.config import Robot
 from qrobot.config.signals import NamedSignal
 from qrobot.errors import ConfigError, MotionError
 from qrobot.rci.arguments import collision_of, payload_of
 from qrobot.rci.machine_choice import machine_choice
+from qrobot.units import S_PER_MS
+
+ANSWERED: Final = 4  # samples after which the newest one shows what was switched, or that it was not to be [A]
 
 
 class LineCalls(ABC):
@@ -32,6 +36,7 @@ class LineCalls(ABC):
 
     def __init__(self) -> None:
         self._analog: dict[int, float] = {}
+        self._switched: dict[int, tuple[int, float]] = {}  # of a line: its bit, and the time in ms
 
     @abstractmethod
     def _lock(self) -> AbstractContextManager[object]:
@@ -54,6 +59,8 @@ class LineCalls(ABC):
         """Switch `count` outputs from line `first` on to the bits of `value`. Raises MotionError: no such."""
         with self._lock():
             self.ami.write_outputs(first, count, value)
+            now = 0.0 if self.ami.sample is None else self.ami.sample.t_ms
+            self._switched |= {first + bit: (value >> bit & 1, now) for bit in range(count)}
 
     def write_analog(self, output: int, volts: float) -> None:
         """Let an analogue output of the deployment file, from 1, show `volts`, now.
@@ -108,8 +115,16 @@ class LineCalls(ABC):
 
     @property
     def lines(self) -> tuple[int, int]:
-        """Inputs and outputs as they were at the newest sample, line 1 in bit 0."""
-        return self._seen.inputs, self._seen.outputs
+        """Inputs and outputs as they were at the newest sample, line 1 in bit 0.
+
+        An output that was switched a moment ago is as it was switched: the sample cannot show it yet.
+        """
+        seen, outputs = self._seen, self._seen.outputs
+        since = seen.t_ms - ANSWERED * self.ami.period_s / S_PER_MS
+        for line, (bit, switched) in list(self._switched.items()):
+            if switched >= since:
+                outputs = set_bits(outputs, line, 1, bit)
+        return seen.inputs, outputs
 
     @property
     def sensors(self) -> Floats:

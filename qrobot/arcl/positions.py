@@ -78,7 +78,9 @@ def makeposition(*terms: str | Trsf | PosMark | int) -> Pos:
     if strange := [term for term in rest if not isinstance(term, Trsf | PosMark)]:
         raise MotionError(f"makeposition {name}: {strange[0]!r} is no transform")
     if rest.count(EQ) != 1 or rest.count(TL) != 1 or rest[-2:-1] != [TL] or rest[-1] is EQ:
-        raise MotionError("makeposition: write (terms with T6, EQ, terms, TL, the term of the tool)")
+        raise MotionError(
+            f"makeposition {name}: write (terms with T6, EQ, terms, TL, the term of the tool); without a tool TL, T6"
+        )
     at = rest.index(EQ)
     left, right, tool = (
         [term for term in part if isinstance(term, Trsf)] for part in (rest[:at], rest[at:-2], rest[-1:])

@@ -17,11 +17,14 @@ REACTION_S: Final = 0.15  # for the servo to answer a request
 ARRIVED: Final = 1e-6  # rad or m
 
 
-def servo_fault(robot: RobotState, what: str, trace: Sequence[RobotState] = ()) -> ServoFault:
-    """The error for a servo that gave up: its latched fault, or else what it reported last; `trace` ends with it."""
+def servo_fault(robot: RobotState, what: str, trace: Sequence[RobotState] = (), without_fault: str = "") -> ServoFault:
+    """The error for a servo that gave up: its latched fault, or else what it reported last; `trace` ends with it.
+
+    `without_fault` is the reason when it reported nothing, by default its mode.
+    """
     code = robot.fault or robot.event
     joint = robot.event_joint if code == robot.event else NO_JOINT
-    reason = explain(code, joint) if code else f"the servo is in mode {mode_name(robot.mode)}"
+    reason = explain(code, joint) if code else without_fault or f"the servo is in mode {mode_name(robot.mode)}"
     return ServoFault(code, f"{what}: {reason}", tuple(trace))
 
 

@@ -33,6 +33,7 @@ from qrobot.wire import Command, Mode, RobotState, State
 
 START_S: Final = 0.5  # for the servo to follow a stream that began
 TRACE_SAMPLES: Final = 36  # a second at 28 ms, for the report of a fault
+STOPPED_BY_HAND: Final = "no fault; somebody told it to, or took its power away"
 _SEQ_MODULUS: Final = 1 << 32
 
 
@@ -238,7 +239,7 @@ class RobotCycle:
     def _follow(self, robot: RobotState, chg: Chg, control: Callable[[], object] | None) -> None:
         if robot.mode != Mode.TRACKING:
             what = f"the servo stopped the arm{self._hooks.remark()}"
-            self._hooks.stopped(servo_fault(robot, what, self._heard))
+            self._hooks.stopped(servo_fault(robot, what, self._heard, STOPPED_BY_HAND))
         elif control is not None:
             self._control(chg, control)
 

@@ -31,8 +31,8 @@ HELP: Final[dict[str, str]] = {
     "TEACH": "a    as HERE",
     "WHERE": "where the arm is",
     "LISTP": "p    programs",
-    "LISTL": "locations",
-    "LISTR": "numbers",
+    "LISTL": "a, b    locations, or those of these names",
+    "LISTR": "x, y    numbers, or those of these names",
     "DELETEP": "p    forget a program",
     "DELETEL": "a    forget a location",
     "DELETER": "x    forget a number",
@@ -83,8 +83,8 @@ class ValMonitor:
             "TEACH": lambda rest: self._do(f"HERE {rest}"),
             "WHERE": lambda _: self._where(),
             "LISTP": self._list_programs,
-            "LISTL": lambda _: self._list_locations(),
-            "LISTR": lambda _: "\n".join(f"{k} {print_number(x)}" for k, x in self._machine.source().numbers.items()),
+            "LISTL": self._list_locations,
+            "LISTR": self._list_numbers,
             "DELETEP": self._delete_program,
             "DELETEL": lambda rest: self._delete(rest, number=False),
             "DELETER": lambda rest: self._delete(rest, number=True),
@@ -194,9 +194,14 @@ class ValMonitor:
             return "\n".join(self._machine.programs)
         return print_program(self._program(rest)).rstrip()
 
-    def _list_locations(self) -> str:
+    def _list_locations(self, rest: str) -> str:
         there = self._machine.source().locations
-        return "\n".join(f"{name} {' '.join(f'{number:.3f}' for number in there[name])}" for name in there)
+        names = _named("location", rest, list(there))
+        return "\n".join(f"{name} {' '.join(f'{number:.3f}' for number in there[name])}" for name in names)
+
+    def _list_numbers(self, rest: str) -> str:
+        there = self._machine.source().numbers
+        return "\n".join(f"{name} {print_number(there[name])}" for name in _named("number", rest, list(there)))
 
     def _program(self, name: str) -> tree.ValProgram:
         if name.lower() not in self._machine.programs:
@@ -254,3 +259,17 @@ class ValMonitor:
 def _with_suffix(path: Path) -> Path:
     """The path of a file of programs, with .v2 when its name has no suffix, and no file is called as it stands."""
     return path if path.suffix or path.exists() else path.with_suffix(".v2")
+
+
+def _named(kind: str, wanted: str, there: list[str]) -> list[str]:
+    """Names of `there` that are `wanted`, by names with commas between: x is x and all of x[]; nothing is all of them.
+
+    Raises ProgramError: there is none of a name.
+    """
+    found = []
+    for name in filter(None, (part.strip().lower() for part in wanted.split(","))):
+        here = [each for each in there if name in (each, each.partition("[")[0])]
+        if not here:
+            raise ProgramError(f"there is no {kind} {printable(name)}")
+        found += here
+    return found if wanted else there

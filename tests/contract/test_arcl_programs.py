@@ -486,6 +486,22 @@ def test_hand_and_outputs_are_requests_in_the_stream(tmp_path) -> None:
     assert not stream.damage
 
 
+def test_outputs_that_were_just_switched_read_as_they_were_switched_until_the_robot_has_answered(monkeypatch) -> None:
+    rp = offline()
+    both, one = new_iod(rp, IOD_OUT, 1, 4), new_iod(rp, IOD_OUT, 3)
+    iod_write(both, 0b0001)
+    for bit in (0b0010, 0b1000):
+        iod_write(both, iod_read(both) | bit)  # no sample passes between them
+    assert iod_read(both) == 0b1011
+    rp.ami.wait(stood_for(6))
+    assert iod_read(both) == 0b1011
+    monkeypatch.setattr(rp.ami, "write_outputs", lambda *_: None)  # no line leads there
+    iod_write(one, 1)
+    assert iod_read(both) == 0b1111
+    rp.ami.wait(stood_for(6))
+    assert (iod_read(one), iod_read(both)) == (0, 0b1011)
+
+
 def test_lines_that_are_not_there_and_values_too_large_for_them_are_refused() -> None:
     rp = offline()
     for direction, first, count in ((IOD_OUT, 0, 1), (IOD_OUT, 16, 2), (IOD_IN, 33, 1), ("out", 1, 1)):

@@ -249,6 +249,16 @@ def test_a_servo_that_stops_the_arm_raises_where_the_program_waits(robot, harm, 
         rccl.move(p)
 
 
+def test_a_stop_by_hand_is_told_as_one(robot) -> None:
+    rccl.control()
+    p = near_park("p", 20.0)
+    rccl.move(p)
+    wait_until_sample(20)
+    robot.before_period = once(lambda: robot.halt(0))
+    with pytest.raises(ServoFault, match="the servo stopped the arm: no fault; somebody told it to, or took its power"):
+        rccl.waitfor(p.end)
+
+
 def once(deed: Callable[[], object]) -> Callable[[int], None]:
     todo = [deed]
 

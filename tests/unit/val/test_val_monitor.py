@@ -157,3 +157,12 @@ def test_the_monitor_knows_that_the_arm_was_stopped_during_a_command() -> None:
             monitor.obey(line)
             stopped.append(monitor.stopped)
     assert stopped == [False, True, False, True, False, False]
+
+
+def test_places_and_numbers_are_listed_by_their_names() -> None:
+    file = ".LOCATIONS\na 1 2 3 90 -90 0\nbox[1] 4 5 6 90 -90 0\nbox[2] 7 8 9 90 -90 0\n.END\n.REALS\nx 1\ny 2\n.END"
+    answers = session(file, "LISTL a", "LISTL BOX", "LISTL box[2], a", "LISTL c", "LISTR y", "LISTR z")
+    assert [line.split()[0] for line in answers[0].splitlines()] == ["a"]
+    assert [line.split()[0] for line in answers[1].splitlines()] == ["box[1]", "box[2]"]
+    assert [line.split()[0] for line in answers[2].splitlines()] == ["box[2]", "a"]
+    assert answers[3:] == ["error: there is no location c", "y 2", "error: there is no number z"]
