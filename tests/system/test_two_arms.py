@@ -195,17 +195,27 @@ def test_a_program_of_two_arms_that_is_run_as_the_guide_says_grasps_and_carries_
     assert_hands_keep_their_grip(rows, int(grasped[1]) + 500_000_000)  # the servos are five setpoints behind
 
 
+def lost_on_the_way(arms: list[RunningArm], directory: Path, process: str) -> tuple[str, dict[str, int], int]:
+    """Kill a process of the left arm of two that carry an object.
+
+    What their program says, the arms' ticks before, and the right arm's time right after.
+    """
+    left, right = arms
+    with carrying(arms, directory) as program:
+        before = {name: arm.snapshot().tick for name, arm in zip(WORLD, arms, strict=True)}
+        left.kill(process)
+        gone_ns = right.now_ns()
+        complaint = program.communicate(timeout=PATIENCE_S)[1]
+    assert program.returncode == 1
+    return complaint, before, gone_ns
+
+
 def test_when_the_bridge_of_one_arm_is_killed_the_other_stops_within_two_frames_and_their_object_is_not_torn(
     arms: list[RunningArm], tmp_path: Path
 ) -> None:
     """From when the bridge is gone: its connection is closed while the system clears away what it was."""
-    left, right = arms
-    with carrying(arms, tmp_path) as program:
-        before = {name: arm.snapshot().tick for name, arm in zip(WORLD, arms, strict=True)}
-        left.kill("bridge")
-        gone_ns = right.now_ns()
-        complaint = program.communicate(timeout=PATIENCE_S)[1]
-    assert program.returncode == 1
+    left = arms[0]
+    complaint, before, gone_ns = lost_on_the_way(arms, tmp_path, "bridge")
     assert f":{left.arm.bridge.port} closed the connection" in complaint
     rows = rows_since(arms, before)
     slower = slower_frame("right", rows["right"])
@@ -223,10 +233,7 @@ def test_when_the_servo_of_one_arm_is_killed_the_other_stops_within_two_frames_a
     arms: list[RunningArm], tmp_path: Path
 ) -> None:
     left, right = arms
-    with carrying(arms, tmp_path) as program:
-        before = {name: arm.snapshot().tick for name, arm in zip(WORLD, arms, strict=True)}
-        left.kill("servo")
-        complaint = program.communicate(timeout=PATIENCE_S)[1]
+    complaint, before, _ = lost_on_the_way(arms, tmp_path, "servo")
     assert "the servo of puma560 does not run" in complaint
     wait_until(lambda: not left.powered, "the guardian of the left arm acts")
     right.wait_for(Mode.HOLDING)
