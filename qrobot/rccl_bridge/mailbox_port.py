@@ -222,10 +222,15 @@ class ServoPort:
         self._follow().request_analog(analog.volts)
 
     def _allowed(self, frame: SetpointFrame) -> SetpointFrame:
-        """The frame, without a request for power that was made to the servo before this one."""
+        """The frame, without a request for power that was made to the servo before this one.
+
+        Such a request is none to take power away either, from an arm that somebody else has powered since.
+        """
         if not frame.power:
             self._power_locked = False
-        return replace(frame, power=False) if self._power_locked else frame
+        if not self._power_locked:
+            return frame
+        return replace(frame, power=bool(self._follow().memory.command.power))
 
     def _follow(self) -> ServoMailbox:
         """The mailbox of the servo that runs now."""

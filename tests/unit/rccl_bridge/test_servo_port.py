@@ -5,10 +5,12 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Iterator
+from dataclasses import replace
 
 import pytest
 
 from qrobot.rccl_bridge.mailbox_port import STALE_NS, STALLED_NS, ServoPort
+from qrobot.rccl_bridge.servo_interface import SetpointFrame
 from qrobot.servo.memory.servo_memory import ServoFront, create_servo_memory
 from qrobot.units import NS_PER_S
 
@@ -47,3 +49,23 @@ def test_a_silent_servo_is_gone_sooner_when_its_guardian_has_taken_the_board(
 ) -> None:
     front.guardian.takeover, front.heartbeat.t_ns = takeover, NS_PER_S - age_ns
     assert port.alive() is alive
+
+
+ASKING = SetpointFrame(1, 1, NS_PER_S, 28_000_000, (0,) * 6, (0.0,) * 6, True, False, False, 0, 0)
+
+
+def test_a_request_for_power_made_to_the_servo_before_neither_powers_nor_takes_the_power_that_somebody_else_gave(
+    port: ServoPort, front: ServoFront
+) -> None:
+    port.write_setpoint(ASKING)
+    assert front.command.power == 1
+    front.command.power, front.header.generation = 0, front.header.generation + 1  # a new servo
+    port.write_setpoint(ASKING)
+    assert front.command.power == 0
+    front.command.power = 1  # the operator
+    port.write_setpoint(ASKING)
+    assert front.command.power == 1
+    port.write_setpoint(replace(ASKING, power=False))
+    assert front.command.power == 0
+    port.write_setpoint(ASKING)
+    assert front.command.power == 1  # it has been asked for anew
