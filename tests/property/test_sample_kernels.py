@@ -96,8 +96,10 @@ def test_a_joint_is_at_its_limit_while_it_can_still_stop_before_it(side, joint) 
         q = MIDDLE.copy()
         q[joint] = limit - share * 0.5 * halt * v[joint]
         assert judged(q, v, NOTHING) is code
-    points = [(tick, q + (tick - 3) * PERIOD_S * v) for tick in (1, 2, 3)]
-    assert joint_at_limit(points, PERIOD_S, LIMITS, Blend.QUARTIC) == joint
+    for other in (0.0, 0.6, -0.6):  # in the middle, or beyond its range, where it began
+        q[1 - joint] = MIDDLE[1 - joint] + other * (LIMITS.q_max - LIMITS.q_min)[1 - joint]
+        points = [(tick, q + (tick - 3) * PERIOD_S * v) for tick in (1, 2, 3)]
+        assert joint_at_limit(points, PERIOD_S, LIMITS, Blend.QUARTIC) == joint
 
 
 @pytest.mark.parametrize(("side", "joint"), [("q_min", 0), ("q_max", 0), ("q_min", 1), ("q_max", 1)])

@@ -45,7 +45,10 @@ def judge_next(points: History, period_s: float, limits: MotionLimits, blend: Bl
 
 
 def joint_at_limit(points: History, period_s: float, limits: MotionLimits, blend: Blend) -> int:
-    """The joint, from 0, for which `judge_next` gives JOINT_LIMIT: it jumps, or is led farthest beyond its range."""
+    """The joint, from 0, for which `judge_next` gives JOINT_LIMIT: it jumps, or is led farthest beyond its range.
+
+    One that began beyond it, and goes no farther, is not meant.
+    """
     rows, near_s, far_s = rows_of(points, period_s)
     if (jumps := np.abs(rows[0] - rows[1]) > math.pi).any():
         return int(jumps.argmax())
@@ -54,7 +57,8 @@ def joint_at_limit(points: History, period_s: float, limits: MotionLimits, blend
     stop_s = max(SHORTEST_STOP_S, *map(stopping_s, v, a, a_max, stop, [PEAK[blend]] * len(v)))
     ways = 0.5 * stop_s * v, LIFT * SHORTEST_STOP_S**2 * a
     low, high = (rows[0] + sum(turned(way, 0.0) for way in ways) for turned in (np.minimum, np.maximum))
-    return int(np.maximum(limits.q_min - low, high - limits.q_max).argmax())
+    q_min, q_max = np.minimum(limits.q_min, rows[1]), np.maximum(limits.q_max, rows[1])
+    return int(np.maximum(q_min - low, high - q_max).argmax())
 
 
 @lean_kernel
