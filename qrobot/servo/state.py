@@ -160,6 +160,7 @@ class ServoState:
     output_stops_seen: int = 0
     analog_powered: int = 0  # power was wanted at the last tick
     bridged: int = 0  # the knot that stands for a missing frame: 1 the newest, 2 the one before, 0 neither
+    led: int = 0  # 1: the newest setpoint was led beside its place, or back to it
     began_ns: int = 0  # when this cycle really began
     driven: int = 0  # 1: this cycle's writes drive something: power is wanted, or outputs are on that a stop ends
     armed: int = 1  # 1: the guardian is to act should the servo fall silent, see `servo.checks.guardian_arming`

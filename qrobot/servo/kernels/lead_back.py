@@ -13,8 +13,10 @@ is a path that runs up to 1.5 a_max T^2 beside its setpoints and is back within 
 enough for that.
 
 Several losses, each of which bends the path before it is back, add up: where they would lead it farther aside than one
-can, and than the arm may lag behind its setpoints anyway (`too_far_aside`), the arm has to stop. That a path which
-bends is faster between its setpoints than its steps is a matter of `servo.kernels.rounding`.
+can, and than the arm may lag behind its setpoints anyway (`too_far_aside`), the arm has to stop. So it has where the
+path would leave the range of a joint: what goes straight on, or is led aside, turns back later than its setpoints
+(`turns_outside`). That a path which bends is faster between its setpoints than its steps is a matter of
+`servo.kernels.rounding`.
 """
 
 from __future__ import annotations
@@ -46,6 +48,8 @@ def lead_back(
 ) -> bool:
     """Move the next setpoints to where the path leads back to them; True when it may bend more than they do there.
 
+    So it may at the one behind, where the way back has ended and the path goes on as its setpoints do.
+
     A setpoint outside the range stays as it is, for the check of setpoints to refuse; no other is led out of the range.
 
     Args:
@@ -74,7 +78,7 @@ def lead_back(
             taken = min(max(taken, q_min[j]), q_max[j])
             aside[j] = 0.0 if abs(taken - place) <= NEGLIGIBLE else taken - place
             setpoint[j] = place + aside[j]
-            led = led or bridged != 0 or aside[j] != 0.0
+            led = True
     return led
 
 
@@ -92,4 +96,21 @@ def too_far_aside(aside: Any, allowed: Any, a_max: Any, period_s: float) -> int:
     for j in range(aside.size):
         if not abs(aside[j]) <= max(allowed[j], BEND_SLACK * a_max[j] * period_s * period_s):
             return j
+    return NO_JOINT
+
+
+@lean_kernel
+def turns_outside(setpoint: Any, modes: Any, knots: Any, q_min: Any, q_max: Any, margin: Any) -> int:
+    """First joint whose path turns back on the way to the next setpoint farther beyond its range than `margin`.
+
+    At the newest knot k it has the speed w per frame of the setpoints around it, and their bend b: it turns round
+    w^2 / 2 b beyond k, before the next one where w is smaller than b. Shapes (n,), knots (4, n), rad or m; `NO_JOINT`
+    for none.
+    """
+    for j in range(setpoint.size):
+        w, b = 0.5 * (setpoint[j] - knots[2, j]), setpoint[j] - 2.0 * knots[3, j] + knots[2, j]
+        if modes[j] == POSITION_SETPOINT and w * b < 0.0 and abs(w) < abs(b):
+            farthest = knots[3, j] - 0.5 * w * w / b
+            if not q_min[j] - margin[j] <= farthest <= q_max[j] + margin[j]:
+                return j
     return NO_JOINT

@@ -23,6 +23,7 @@ from qrobot.servo.calibration.state import (
 )
 from qrobot.servo.event import report_event, report_fault
 from qrobot.servo.hold import allow_range, hold_position, hold_reference
+from qrobot.servo.kernels.interpolation_polynomials import N_KNOTS
 from qrobot.servo.kernels.interpolator import line_through, room_duration, stop_duration
 from qrobot.servo.laws.law_swap import fall_back, forget_bias
 from qrobot.servo.memory.setpoint_queue import POSITION_SETPOINT, TORQUE_SETPOINT, drop_all_frames
@@ -102,11 +103,26 @@ def begin_stop(params: ServoParameters, state: ServoState, mail: Any, now_ns: in
     state.stop_since_ns = now_ns
     state.rate_at_stop = state.rate
     gentle = stop_duration(state.v_ref, params.a_stop, params.shortest_stop_s)
-    room = room_duration(
-        state.q_ref, state.v_ref, state.range_min, state.range_max, params.stop_overshoot_s, params.range_margin
-    )
-    state.stop_seconds = max(params.shortest_stop_s, min(gentle, room))  # harder rather than out of range
+    state.stop_seconds = max(params.shortest_stop_s, min(gentle, _room_ahead(params, state)))  # harder rather than out
     set_mode(state, STOPPING)
+
+
+@lean_kernel
+def _room_ahead(params: ServoParameters, state: ServoState) -> float:
+    """Seconds in which a stop ends within the range: from the speed at hand, and from those on the path ahead."""
+    room = _room(params, state, state.v_ref)
+    for i in range(params.first_knot, N_KNOTS - 1):
+        for j in range(state.q.size):
+            state.scratch[j] = (state.knots[i + 1, j] - state.knots[i, j]) * state.rate
+        room = min(room, _room(params, state, state.scratch))
+    return room
+
+
+@lean_kernel
+def _room(params: ServoParameters, state: ServoState, v: Any) -> float:
+    return room_duration(
+        state.q_ref, v, state.range_min, state.range_max, params.stop_overshoot_s, params.range_margin
+    )  # fmt: skip
 
 
 @lean_kernel

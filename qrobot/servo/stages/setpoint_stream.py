@@ -19,10 +19,10 @@ from typing import Any, Final
 
 from qrobot.faultcodes import NO_JOINT, FaultCode
 from qrobot.realtime.jit import lean_kernel
-from qrobot.servo.checks.limit_checks import check_first_setpoint, check_setpoint
+from qrobot.servo.checks.limit_checks import check_first_setpoint, check_range, check_setpoint
 from qrobot.servo.checks.tip_speed import check_tip_step
 from qrobot.servo.kernels.interpolator import line_through, rest_at, shift_extrapolated, shift_in
-from qrobot.servo.kernels.lead_back import BEND_SLACK, lead_back, too_far_aside
+from qrobot.servo.kernels.lead_back import BEND_SLACK, lead_back, too_far_aside, turns_outside
 from qrobot.servo.kernels.rounding import round_corner
 from qrobot.servo.memory.setpoint_queue import (
     POSITION_SETPOINT,
@@ -115,7 +115,7 @@ def start_stream(params: ServoParameters, state: ServoState, now_ns: int) -> Non
     state.stream = state.frame.stream
     state.next_seq = state.frame.seq
     state.last_arrival_ns = now_ns
-    state.misses = state.bridged = 0
+    state.misses = state.bridged = state.led = 0
     rest_at(state.knots, state.rounding, state.q_ref)
     for j in range(state.q.size):
         state.aside[j] = 0.0
@@ -164,7 +164,15 @@ def take_frame(params: ServoParameters, state: ServoState, mail: Any, now_ns: in
     state.missed_frames += 1
     state.bridged = 1
     go_on_straight(params, state)
-    return (STREAM_LOST if state.misses >= LOST_AFTER_FRAMES else 0), NO_JOINT
+    return (STREAM_LOST, NO_JOINT) if state.misses >= LOST_AFTER_FRAMES else _judge_substitute(params, state)
+
+
+@lean_kernel
+def _judge_substitute(params: ServoParameters, state: ServoState) -> tuple[int, int]:
+    """(code, joint) of what stands for a missing frame: it does not lead out of the range, where only a stop helps."""
+    code, joint = check_range(state.knots[3], state.range_min, state.range_max, params.range_margin)
+    led_by_position = code != 0 and state.joint_modes[joint] == POSITION_SETPOINT
+    return (STREAM_LOST, joint) if led_by_position else (0, NO_JOINT)
 
 
 @lean_kernel
@@ -191,12 +199,17 @@ def _judge_frame(params: ServoParameters, state: ServoState) -> tuple[int, int]:
         state.setpoint, state.setpoint_modes, state.knots, state.aside, state.bridged,
         state.range_min, state.range_max, params.v_max, params.a_setpoint, period_s,
     )  # fmt: skip
+    led, state.led = led or state.led != 0, 1 if led else 0  # the one after the last that was led ends its bend
     code, joint = check_setpoint(
         state.setpoint, state.setpoint_modes, state.knots, state.range_min, state.range_max,
         params.v_setpoint, params.a_setpoint, params.tau_setpoint, period_s, BEND_SLACK if led else 1.0,
     )  # fmt: skip
     if code == 0 and led:
         joint = too_far_aside(state.aside, params.following_error, params.a_setpoint, period_s)
+        if joint == NO_JOINT:
+            joint = turns_outside(
+                state.setpoint, state.setpoint_modes, state.knots, state.range_min, state.range_max, params.range_margin
+            )
         code = STREAM_LOST if joint != NO_JOINT else 0
     if code == 0:
         code = check_tip_step(

@@ -6,13 +6,13 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from qrobot.arrays import Floats
 from qrobot.faultcodes import NO_JOINT
 from qrobot.servo.kernels.interpolator import shift_extrapolated, shift_in
-from qrobot.servo.kernels.lead_back import BEND_SLACK, PULL, lead_back, too_far_aside
+from qrobot.servo.kernels.lead_back import BEND_SLACK, PULL, lead_back, too_far_aside, turns_outside
 from qrobot.servo.memory.setpoint_queue import POSITION_SETPOINT, TORQUE_SETPOINT
 
 T = 0.1
@@ -62,6 +62,25 @@ def test_whatever_frame_is_lost_no_step_exceeds_the_speed_and_no_bend_one_and_a_
     steps = np.diff(played(legal_stream(shares), lost))
     assert np.abs(steps).max() <= V_MAX[0] * T + 1e-9
     assert np.abs(np.diff(steps)).max() <= BEND_SLACK * A_MAX[0] * T**2 + 1e-9
+
+
+@given(accelerations, lost_frames)
+def test_no_bend_exceeds_that_of_the_stream_but_where_it_is_told_and_at_the_setpoint_behind(
+    shares: list[float], lost: int
+) -> None:
+    """A stream may use all of a_max as soon as the path is back: the last part of the way back adds to its bend."""
+    knots, aside, bridged, before = np.zeros((4, 1)), np.zeros(1), 0, False
+    for seq, place in enumerate(legal_stream(shares)):
+        if seq == lost:
+            shift_extrapolated(knots)
+            bridged = 1
+            continue
+        setpoint = np.array([place])
+        led = lead_back(setpoint, POSITION, knots, aside, bridged, -ANYWHERE, ANYWHERE, V_MAX, A_MAX, T)
+        bend = abs(setpoint[0] - 2.0 * knots[3, 0] + knots[2, 0])
+        assert bend <= (BEND_SLACK if led or before else 1.0) * A_MAX[0] * T**2 + 1e-9
+        shift_in(knots, setpoint)
+        bridged, before = 2 if bridged == 1 else 0, led
 
 
 def test_no_smaller_slack_would_do_for_a_turn_at_full_acceleration() -> None:
@@ -162,3 +181,26 @@ def test_of_any_losses_either_the_path_stays_within_what_one_may_do_or_no_way_le
         bridged = 2 if bridged == 1 else 0
         assert abs(setpoint[0] - place) <= max(ALLOWED[0], BEND_SLACK * A_MAX[0] * T**2)
     assert aside[0] == 0.0
+
+
+places = st.floats(-1.0, 1.0)
+
+
+@given(places, places, places)
+def test_a_path_that_turns_back_beyond_its_range_and_the_margin_is_found(
+    before: float, newest: float, to: float
+) -> None:
+    """By the parabola through the three of them, from the newest to the next setpoint."""
+    u = np.linspace(0.0, 1.0, 10_001)
+    way = np.polyval(np.polyfit([-1.0, 0.0, 1.0], [before, newest, to], 2), u)
+    q_min, q_max, margin = np.array([-0.5]), np.array([0.4]), np.array([0.1])
+    beyond = max(way.max() - 0.5, -0.6 - way.min())
+    assume(abs(beyond) > 1e-6)
+    turns = 0 < int(way.argmax()) < u.size - 1 or 0 < int(way.argmin()) < u.size - 1
+    knots, setpoint = np.array([[0.0], [0.0], [before], [newest]]), np.array([to])
+    assume(turns or abs(0.5 * (to - before)) > abs(to - 2.0 * newest + before))  # else it turns at one of the ends
+    found = turns_outside(setpoint, POSITION, knots, q_min, q_max, margin)
+    inside = -0.6 <= min(newest, to) <= max(newest, to) <= 0.5  # what they say themselves is judged elsewhere
+    assume(inside)
+    assert found == (0 if turns and beyond > 0.0 else NO_JOINT)
+    assert turns_outside(setpoint, TORQUE, knots, q_min, q_max, margin) == NO_JOINT

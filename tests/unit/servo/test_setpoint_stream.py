@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 
+from qrobot.config import load_robot
 from qrobot.faultcodes import FaultCode
 from qrobot.modecodes import Mode
 from qrobot.model.stiction_compensation import REST_SHARE
@@ -18,6 +19,7 @@ from tests.support.servo_bench import FRAME_NS, Floats, Program, ServoBench, cha
 
 FRAME_S = FRAME_NS * 1e-9
 OUT_AND_BACK = np.array([0.3, -0.2, 0.4, 0.5, -0.5, 0.6])
+V_MAX, A_MAX = load_robot("puma560").limits.v_max, load_robot("puma560").limits.a_max
 DELAY_FRAMES = PLAYOUT_FRAMES + QUINTIC.delay_frames
 
 
@@ -323,14 +325,15 @@ def test_a_sender_that_stalls_stops_the_arm_when_it_is_late_by_more_than_a_perio
     assert continuous(bench, bench.rows())
 
 
+@pytest.mark.parametrize("share", [0.7, 1.09])
 @pytest.mark.parametrize("lost", range(6, 26))
-def test_no_frame_of_a_motion_that_turns_at_once_stops_the_arm_when_it_is_lost(lost: int) -> None:
+def test_no_frame_of_a_motion_that_turns_at_once_stops_the_arm_when_it_is_lost(lost: int, share: float) -> None:
     """Hard acceleration one way, then the other: the knot in place of the lost one bends the path three times too much.
 
-    With all of a_max the wrist would swing past its speed to come back to the path.
+    So does the end of the way back, where the stream goes on with all the acceleration it may ask for.
     """
     bench = ServoBench().hold()
-    start, a = bench.q.copy(), 0.7 * bench.robot.limits.a_max * np.array([1, -1, 1, 1, -1, 1])
+    start, a = bench.q.copy(), share * bench.robot.limits.a_max * np.array([1, -1, 1, 1, -1, 1])
     steps = np.tile([1.0, -1.0, -1.0, 1.0], 20)  # second differences in a_max T^2: out, and back to where it began
     places = np.concatenate([np.zeros(6), np.cumsum(np.cumsum(steps))]) * FRAME_S**2
 
@@ -498,6 +501,61 @@ def test_a_program_that_drives_into_the_end_of_the_range_is_stopped_inside_it() 
     stop = rows[rows["mode"] == Mode.STOPPING]
     assert np.abs(stop["v_ref"][:, 0]).max() <= 0.6 * 1.05
     assert continuous(bench, rows)
+
+
+def test_a_program_that_still_gathers_speed_at_the_end_of_the_range_is_stopped_inside_it() -> None:
+    bench, joint = ServoBench(), 3
+    end, v_max, a_max = (limit[joint] for limit in (bench.robot.limits.q_max, V_MAX, A_MAX))
+    bench.q[joint] = end - 0.4
+    bench.hold()
+    places, v = [bench.q.copy() for _ in range(3)], 0.0
+    while places[-1][joint] < end + 0.5:
+        fastest = 0.3 if places[-1][joint] < end - 0.2 else v_max
+        v = min(fastest, v + a_max * FRAME_S)
+        places.append(places[-1] + np.eye(6)[joint] * v * FRAME_S)
+    play(bench, lambda t: places[min(round(t / FRAME_S), len(places) - 1)])
+    stopped(bench)
+    assert bench.event is FaultCode.SP_LIMIT
+    assert bench.rows()["q_ref"][:, joint].max() <= end
+
+
+@pytest.mark.parametrize(
+    ("joint", "period_s", "short_of_end", "hardest"),
+    [
+        (5, 0.1, 0.07, 2.0),  # goes on far beyond the range, which is seen at once
+        (4, 0.028, 0.057, 10.0),  # just beyond, and turns back too late, which is seen a frame later
+    ],
+)
+def test_an_arm_that_turns_back_at_the_end_of_its_range_is_stopped_inside_it_when_that_frame_is_lost(
+    joint: int, period_s: float, short_of_end: float, hardest: float
+) -> None:
+    robot = ServoBench().robot
+    end, step, change = robot.limits.q_max[joint], V_MAX[joint] * period_s, A_MAX[joint] * period_s**2
+    if period_s < 0.1:
+        step = short_of_end + 0.009
+    steps = [0.0, 0.0, 0.0]
+    while steps[-1] < step:
+        steps.append(min(step, steps[-1] + change))
+    turn = len(steps)
+    while steps[-1] > -step:
+        steps.append(max(-step, steps[-1] - change))
+    while steps[-1] < 0.0:
+        steps.append(min(0.0, steps[-1] + change))
+    way = np.cumsum([*steps, 0.0])
+    for lost in (set[int](), {turn}):
+        bench = ServoBench()
+        bench.q[joint] = end - short_of_end - way[turn - 1]
+        start = bench.hold().q.copy()
+        places = start + np.outer(way, np.eye(6)[joint])
+        play(bench, lambda t: places[min(round(t / period_s), len(places) - 1)],  # noqa: B023
+             period_ns=round(period_s * 1e9), dropped=lost)  # fmt: skip
+        bench.run((len(places) + 3) * period_s)
+        assert (bench.mode, bench.event) == (
+            (Mode.HOLDING, FaultCode.STREAM_LOST) if lost else (Mode.TRACKING, FaultCode.NONE)
+        )
+        assert bench.rows()["q_ref"][:, joint].max() <= end + robot.guard.range_margin[joint]
+        stop = bench.rows()[bench.rows()["mode"] == Mode.STOPPING]
+        assert np.abs(stop["a_ref"][:, joint]).max(initial=0.0) <= hardest * robot.guard.a_stop[joint]
 
 
 @pytest.mark.parametrize("offset", [0.021, -0.5, math.nan])
