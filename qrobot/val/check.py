@@ -1,7 +1,8 @@
 """Mistakes of a program that can be seen before anything moves.
 
 Structures and labels, programs that are called and are not there, constant locations that the arm cannot reach, and
-signals that there are not; names without a value, and process control programs that would move the arm. Of an arm with
+signals that there are not; names without a value, locations in place of numbers, numbers that a step does not take, and
+process control programs that would move the arm. Of an arm with
 fences also constant locations that are too near to one; where the lines of an arm are known, signals that have none.
 """
 
@@ -20,11 +21,12 @@ from qrobot.model.transform import transform
 from qrobot.units import M_PER_MM
 from qrobot.val import tree
 from qrobot.val.beside import beside_programs
-from qrobot.val.evaluate import location_of, number_of
+from qrobot.val.evaluate import KindError, location_of, number_of
 from qrobot.val.fenced_place import fence_refusal
 from qrobot.val.machine import no_analog_output, no_signal
+from qrobot.val.number_ranges import check_numbers
 from qrobot.val.signal_lines import SignalLines
-from qrobot.val.signatures import expressions_in, parts_of
+from qrobot.val.signatures import expressions_in, parts_of, wanted_kinds
 from qrobot.val.source import SourceFile, read_source
 from qrobot.val.structure import jumps_of
 from qrobot.val.values import JointLocation, Transformation, ValValue, joint_location, transformation
@@ -76,6 +78,10 @@ def check_text(
     return sorted(found, key=lambda mistake: (mistake.line, mistake.column))
 
 
+class _VariesError(ProgramError):
+    """Only a run can tell the value."""
+
+
 class _Checker:
     """Looks at programs; the `Surroundings` of expressions that are constant.
 
@@ -118,12 +124,9 @@ class _Checker:
         return stored | parameters | self._changed | {*LOCATION_VALUES, *NUMBER_VALUES}
 
     def _mistakes_of(self, action: tree.StepAction) -> Iterator[ProgramError]:
-        yield from self._words(action)
-        yield from self._calls(action)
-        yield from self._signals(action)
-        yield from self._analog(action)
-        yield from self._places(action)
-        yield from self._values(action)
+        looks = self._words, self._calls, self._signals, self._analog, self._places, self._values
+        found = [error for look in looks for error in look(action)]
+        yield from found or self._expressions(action)
 
     def _words(self, action: tree.StepAction) -> Iterator[ProgramError]:
         if not isinstance(action, tree.ProgramCall):  # a program may be handed PI, and leave it as it is
@@ -143,6 +146,24 @@ class _Checker:
                     self._known.add(part.name)
                     what = f"{part.name} has no value: no program gives it one, and the file holds none"
                     yield ProgramError(what, column=part.column)
+
+    def _expressions(self, action: tree.StepAction) -> Iterator[ProgramError]:
+        """Values of the wrong kind, and literal ones that cannot be computed or are none that the step takes.
+
+        One that comes out of a variable may stand behind an IF that looks at it.
+        """
+        for expression, kind in wanted_kinds(action):
+            try:
+                (location_of if kind == "location" else number_of)(expression, self)
+            except KindError as error:
+                yield error
+            except ProgramError as error:
+                if _is_literal(expression) and not isinstance(error, _VariesError):
+                    yield error
+        try:
+            check_numbers(action, self.robot.n, lambda each: self._constant(each) if _is_literal(each) else None)
+        except ProgramError as error:
+            yield ProgramError(error.what, column=error.column or 1)
 
     def _calls(self, action: tree.StepAction) -> Iterator[ProgramError]:
         if not isinstance(action, tree.ProgramCall | tree.Reaction | tree.ProcessStart):
@@ -226,27 +247,29 @@ class _Checker:
     # ------------------------------------------------------------------------------------------------ `Surroundings`
 
     def value(self, name: str, indices: tuple[int, ...]) -> ValValue | None:
-        """A stored location or number that no program changes."""
+        """A stored location or number that no program changes. Raises ProgramError for others."""
         if name in self._changed:
-            return None
+            raise _VariesError(f"{name} is not constant")
         key = name + (f"[{', '.join(map(str, indices))}]" if indices else "")
         if (numbers := self._source.locations.get(key)) is not None:
             return joint_location(numbers, self.robot) if name.startswith("#") else transformation(numbers)
-        return self._source.numbers.get(key)
+        if key not in self._source.numbers:
+            raise _VariesError(f"the file has no {key}")
+        return self._source.numbers[key]
 
     def frame(self, name: str) -> Floats:
         """NULL alone is constant. Raises ProgramError for the others."""
         if name != "null":
-            raise ProgramError(f"{name.upper()} is not constant")
+            raise _VariesError(f"{name.upper()} is not constant")
         return np.eye(4)
 
     def signal_is_on(self, _number: int) -> bool:
         """Raise ProgramError: no signal is constant."""
-        raise ProgramError("signals are not constant")
+        raise _VariesError("signals are not constant")
 
     def number_function(self, name: str, _arguments: Sequence[float]) -> float:
         """Raise ProgramError: timers, speeds and random numbers are not constant."""
-        raise ProgramError(f"{name} is not constant")
+        raise _VariesError(f"{name} is not constant")
 
     def pose_of(self, location: Transformation | JointLocation) -> Floats:
         """See `Surroundings`."""
@@ -255,6 +278,11 @@ class _Checker:
     def reaches(self, location: Transformation | JointLocation) -> bool:
         """See `Surroundings`."""
         return self._space.reaches(location)
+
+
+def _is_literal(expression: tree.Expression) -> bool:
+    """No variable is in it."""
+    return not any(isinstance(part, tree.VariableName) for part in parts_of(expression))
 
 
 def _names_given(action: tree.StepAction | None) -> Iterator[str]:

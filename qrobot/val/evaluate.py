@@ -31,6 +31,10 @@ LARGEST_WHOLE: Final = 2**31  # [A]
 _UNSET: Final = "the value of {} is not defined"
 
 
+class KindError(ProgramError):
+    """A location stands where a number is wanted, or the other way round."""
+
+
 class Surroundings(Protocol):
     """The state that an expression is evaluated in."""
 
@@ -62,7 +66,7 @@ def number_of(expression: tree.Expression, around: Surroundings) -> float:
     value = evaluate(expression, around)
     if isinstance(value, float):
         return value
-    raise ProgramError("expected a number, not a location", column=getattr(expression, "column", 0))
+    raise KindError("expected a number, not a location", column=getattr(expression, "column", 0))
 
 
 def whole_number_of(expression: tree.Expression, around: Surroundings) -> int:
@@ -79,7 +83,7 @@ def location_of(expression: tree.Expression, around: Surroundings) -> Transforma
     """The location of an expression. Raises ProgramError when it has none, or is a number."""
     value = evaluate(expression, around)
     if isinstance(value, float):
-        raise ProgramError("expected a location, not a number", column=getattr(expression, "column", 0))
+        raise KindError("expected a location, not a number", column=getattr(expression, "column", 0))
     return value
 
 

@@ -11,6 +11,7 @@ from qrobot.arrays import Floats
 from qrobot.errors import JointLimit, MotionError, ProgramError, TooFast, Unreachable
 from qrobot.model.branch import Branch, branch_of
 from qrobot.val.arm import Destination, ValArm
+from qrobot.val.number_ranges import FILES_OWN, timer
 from qrobot.val.parser import parse_variable
 from qrobot.val.source import SourceFile, stored_name
 from qrobot.val.tree import NumberLiteral, ValProgram, VariableName
@@ -20,8 +21,6 @@ from qrobot.val.workspace import Workspace
 
 DEFAULT_MONITOR_SPEED: Final = 50.0  # percent; V+'s, recalled
 DEFAULT_HAND_TIME_S: Final = 0.5  # [A]
-FILES_OWN: Final = 100.0  # percent of the thresholds of a collision in the robot file
-MOST_TIMERS: Final = 15
 STRAIGHT_SHARE: Final = 0.9  # of the joints' limits at 100 %, for a straight line needs more where it is joined [A]
 ROUNDED: Final = 0.99  # of a speed that is told to three digits, lest it be rounded up
 _MULTIPLIER: Final = 6364136223846793005  # Knuth's 64-bit generator: RANDOM is the same in every run
@@ -149,7 +148,7 @@ class Machine:
     def number_function(self, name: str, arguments: Sequence[float]) -> float:
         """See `Surroundings`."""
         if name == "TIMER":
-            return self.arm.time_s - self._timers.get(_timer(arguments[0]), 0.0)
+            return self.arm.time_s - self._timers.get(timer(arguments[0]), 0.0)
         if name == "SPEED":
             return self.arm.override if arguments[:1] == [1.0] else self.speed
         self._random = (self._random * _MULTIPLIER + _INCREMENT) % (1 << _BITS)
@@ -157,7 +156,7 @@ class Machine:
 
     def set_timer(self, number: float, seconds: float) -> None:
         """Let a timer stand at `seconds` now. Raises ProgramError: no such timer."""
-        self._timers[_timer(number)] = self.arm.time_s - seconds
+        self._timers[timer(number)] = self.arm.time_s - seconds
 
     def pose_of(self, location: Transformation | JointLocation) -> Floats:
         """See `Surroundings`."""
@@ -251,12 +250,6 @@ def no_signal(number: int) -> str:
 def no_analog_output(number: float) -> str:
     """Words for an analogue output that there is not."""
     return f"there is no analogue output {number:g}; there are {ANALOG_OUTPUTS.start} to {ANALOG_OUTPUTS.stop - 1}"
-
-
-def _timer(number: float) -> int:
-    if number != int(number) or not 0 <= number <= MOST_TIMERS:
-        raise ProgramError(f"timers are 0 to {MOST_TIMERS}, not {number:g}")
-    return int(number)
 
 
 def _key(name: str) -> CellKey:

@@ -5,17 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Final
 
-from qrobot.errors import ProgramError
-from qrobot.val import tree
+from qrobot.val import number_ranges, tree
 from qrobot.val.evaluate import number_of
-from qrobot.val.machine import FILES_OWN
 from qrobot.val.task import ValTask, Waits
 
 if TYPE_CHECKING:
     from qrobot.val.interpreter import Interpreter
 
 _CONFIGURATIONS: Final = {"RIGHTY": "r", "LEFTY": "l", "ABOVE": "u", "BELOW": "d", "FLIP": "f", "NOFLIP": "n"}
-LEAST_COLLISION: Final = 1.0  # percent [A]
 _PAIRS: Final = {"r": "l", "l": "r", "u": "d", "d": "u", "f": "n", "n": "f"}
 
 
@@ -35,32 +32,21 @@ def _no_effect(_run: Interpreter, task: ValTask, *numbers: tree.Expression) -> N
 
 
 def _set_speed(run: Interpreter, task: ValTask, action: tree.SpeedSetting) -> None:
-    speed = checked_speed(number_of(action.value, task))
+    speed = number_ranges.speed(number_of(action.value, task))
     run.machine.next_speed = (speed, action.in_mm_s)
     if action.always:
         run.machine.speed, run.machine.in_mm_s = speed, action.in_mm_s
 
 
-def checked_speed(value: float) -> float:
-    """The number of a SPEED or a DRIVE. Raises ProgramError when it is none."""
-    if not 0.0 < value <= 1000.0:
-        raise ProgramError(f"SPEED: a number above 0 and up to 1000 is needed, not {value:g}")
-    return value
-
-
 def _parameter(run: Interpreter, task: ValTask, action: tree.ParameterSetting) -> None:
     value = number_of(action.value, task)
     if action.name == "COLLISION":
-        if not LEAST_COLLISION <= value <= FILES_OWN:
-            raise ProgramError(f"COLLISION is {LEAST_COLLISION:g} to {FILES_OWN:g} per cent, not {value:g}")
-        run.machine.tell_collisions(value, run.machine.switches["COMPLY"])
+        run.machine.tell_collisions(number_ranges.collision(value), run.machine.switches["COMPLY"])
         return
     if action.name == "RETRACT":
         run.machine.arm.retract(value)
         return
-    if not 0.0 <= value <= 60.0:
-        raise ProgramError(f"HAND.TIME is 0 to 60 s, not {value:g}")
-    run.machine.hand_time_s = value
+    run.machine.hand_time_s = number_ranges.hand_time(value)
 
 
 def _switch(run: Interpreter, _task: ValTask, action: tree.SwitchSetting) -> None:

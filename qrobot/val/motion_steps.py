@@ -10,9 +10,8 @@ import numpy as np
 from qrobot.errors import ProgramError
 from qrobot.model.transform import transform
 from qrobot.units import M_PER_MM, RAD_PER_DEG
-from qrobot.val import tree
+from qrobot.val import number_ranges, tree
 from qrobot.val.evaluate import location_of, number_of, pose_of
-from qrobot.val.manner_steps import checked_speed
 from qrobot.val.printer import print_expression
 from qrobot.val.task import ValTask, Waits
 from qrobot.val.values import JointLocation, Transformation, joint_units, within_reason
@@ -20,8 +19,6 @@ from qrobot.val.workspace import aligned
 
 if TYPE_CHECKING:
     from qrobot.val.interpreter import Interpreter
-
-LONGEST_DELAY_S: Final = 86_400.0  # a day [A]
 
 
 def _move(straight: bool, approach: bool = False) -> Callable[..., Waits]:
@@ -62,12 +59,11 @@ def _go(run: Interpreter, name: str, location: Transformation | JointLocation, s
 def _drive(run: Interpreter, task: ValTask, *numbers: tree.Expression) -> Waits:
     joint, by, speed = (number_of(number, task) for number in numbers)
     machine = run.machine
-    if joint != int(joint) or not 1 <= joint <= machine.robot.n:
-        raise ProgramError(f"DRIVE: joints are 1 to {machine.robot.n}, not {joint:g}")
+    axis = number_ranges.joint(joint, machine.robot.n) - 1
     yield from wait_for_arrival(run, task)
     q = machine.arm.q
-    q[int(joint) - 1] += by * joint_units(machine.robot)[int(joint) - 1]
-    machine.next_speed = (checked_speed(speed), False)
+    q[axis] += by * joint_units(machine.robot)[axis]
+    machine.next_speed = (number_ranges.speed(speed), False)
     yield from _go(run, "DRIVE", JointLocation(q), False)
 
 
@@ -83,9 +79,7 @@ def _ready(run: Interpreter, _task: ValTask) -> Waits:
 
 
 def _delay(run: Interpreter, task: ValTask, seconds: tree.Expression) -> Waits:
-    length = number_of(seconds, task)
-    if not 0.0 <= length <= LONGEST_DELAY_S:
-        raise ProgramError(f"DELAY: expected 0 to {LONGEST_DELAY_S:.0f} seconds, not {length:g}")
+    length = number_ranges.delay(number_of(seconds, task))
     yield from wait_for_arrival(run, task)
     end = run.machine.arm.time_s + length
     yield lambda: run.machine.arm.time_s >= end

@@ -77,6 +77,28 @@ def kind_of(expression: tree.Expression) -> str:
             return "number"
 
 
+def wanted_kinds(action: tree.StepAction) -> Iterator[tuple[tree.Expression, str]]:
+    """The expressions of an action whose kind it says: "location" or "number"."""
+    match action:
+        case tree.Instruction(word=word, arguments=arguments):
+            kinds = ("number",) if word in OPEN_ENDED else _SIGNATURES[word]
+            for number, argument in enumerate(arguments):
+                kind = kinds[min(number, len(kinds) - 1)].rstrip("?")
+                if argument is not None and kind in ("number", "location"):
+                    yield argument, kind
+        case tree.Decomposition(location=location):
+            yield location, "location"
+        case tree.Assignment(value=value, location=location):
+            yield value, "location" if location else "number"
+        case tree.TypeOut(items=items):
+            numbers = (item for item in items if not isinstance(item, tree.OutputFormat | tree.TextLiteral))
+            yield from ((number, "number") for number in numbers)
+        case tree.ProgramCall():
+            return
+        case _:
+            yield from ((expression, "number") for expression in expressions_in(action))
+
+
 def expressions_in(action: tree.StepAction) -> Iterator[tree.Expression]:
     """The expressions that stand in an action, not those within them."""
     for each in fields(action):

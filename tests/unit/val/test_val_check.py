@@ -21,6 +21,9 @@ near 450 0 0 90 90 0
 far 2000 0 0 90 90 0
 #bent 0 0 0 0 170 0
 .END
+.REALS
+count 0
+.END
 """
 
 
@@ -52,9 +55,25 @@ def test_the_examples_have_no_mistakes(file) -> None:
         ("DAC 1.5 = 1", 1, "there is no analogue output 1.5"),
         ("SIGNAL -1.5", 1, "a signal is a whole number, not 1.5"),
         ("GOTO 10", 6, "there is no label 10"),
+        ("x = near", 5, "expected a number, not a location"),
+        ("TYPE /F8.2, 2, near", 16, "expected a number, not a location"),
+        ("WAIT 1 == near+2", 11, "expected a number, not a location"),
+        ("MOVE count", 6, "expected a location, not a number"),
+        ("SET a = SHIFT(count BY 1)", 15, "expected a location, not a number"),
+        ("SPEED 0", 1, "above 0 and up to 1000 is needed, not 0"),
+        ("SPEED -5 MMPS ALWAYS", 1, "above 0 and up to 1000 is needed, not -5"),
+        ("DELAY 1E9", 1, "expected 0 to 86400 seconds"),
+        ("DRIVE 7, 10, 50", 1, "joints are 1 to 6, not 7"),
+        ("DRIVE 1, 10, 0", 1, "above 0 and up to 1000 is needed, not 0"),
+        ("TIMER 16 = 0", 1, "timers are 0 to 15, not 16"),
+        ("PARAMETER HAND.TIME = 61", 1, "HAND.TIME is 0 to 60 s"),
+        ("PARAMETER COLLISION = 0", 1, "COLLISION is 1 to 100 per cent"),
+        ("x = 1/0", 6, "1 / 0 is no number"),
+        ("x = SQRT(-4)", 5, "SQRT of -4 is no number"),
+        ("x = BITS(2001, 17)", 1, "BITS takes 1 to 16 signals"),
         ("    SIGNAL 17", 5, "there is no signal 17"),
         ("MOVE nowhere", 6, "nowhere has no value"),
-        ("  x = 3 + count[2]", 11, "count has no value"),
+        ("  x = 3 + many[2]", 11, "many has no value"),
         ("10 UNTIL TRUE", 4, "UNTIL without DO"),
         ("  WHILE TRUE DO", 3, "expected END for this WHILE"),
         ("MOVE near far", 11, "'far' stands there"),
@@ -74,6 +93,9 @@ def test_a_mistake_is_told_with_line_and_column(line: str, column: int, said: st
         ("SET far = near", "MOVE far"),
         ("BASE 1600", "MOVE far"),
         ("MOVE HERE:far",),
+        ("IF count > 0 THEN", "SPEED count", "DELAY -count", "x = 1/count", "END"),
+        ("x = DZ(near)", "TYPE DISTANCE(near, far), TIMER(1), SIG(2001)", "DECOMPOSE y[] = near"),
+        ("DRIVE 1, -500, 1000", "TIMER 15 = -3", "PARAMETER HAND.TIME = 60"),
     ],
 )
 def test_what_only_a_run_can_tell_is_no_mistake(lines: tuple[str, ...]) -> None:
