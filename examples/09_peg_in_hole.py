@@ -38,7 +38,7 @@ with rccl.control("puma560") as arm:
     if p.code == rccl.Termination.COMPLETED:
         print(f"the peg is {DEPTH:.0f} mm down")
     else:
-        print(f"the peg met something, code {p.code}")
+        print(f"the peg met something: {rccl.Termination(p.code).name}")
     arm.lock("fx fy")
     arm.setvel(50, 90)
     arm.distance("dz", -40.0)

@@ -12,6 +12,8 @@ from qrobot.rccl import EQ, TL, DataBase, gentr_trsl, makeposition, t6
 
 path = sys.argv[1] if len(sys.argv) > 1 else "taught.db"
 places = DataBase(path)
+if not places.names():
+    sys.exit(f"{path} has no places: `qrobot teach {path}` records some")
 e = gentr_trsl("E", 0, 0, 0)  # teaching records the last link: no tool
 
 with rccl.control("puma560") as arm:

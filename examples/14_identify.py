@@ -62,8 +62,8 @@ print(f"{len(observations)} equations; condition {first.fit.condition:.1f}")
 # %%
 found = identify_log(robot, rows, recording.period_s)
 for value in found.values[:5]:
-    print(f"{value.name:4} {value.value:7.3f} ± {value.half_width:.3f} {value.unit}, robot file {value.before:7.3f}")
-print("held-back passes, error in N m:", found.held_back_rms.round(3), "robot file:", found.before_rms.round(2))
+    print(f"{value.name:4} {value.value:8.4f} ± {value.half_width:.4f} {value.unit}, robot file {value.before:7.4f}")
+print("held-back passes, error in N m:", found.held_back_rms.round(4), "robot file:", found.before_rms.round(2))
 
 # %% [markdown]
 # ## A model for the servo
@@ -86,7 +86,7 @@ links = recording.facts["links"]
 truth = regressor(q) @ np.array([links[name] for name in regressor.names])
 for name, belief in (("robot file", robot), ("identified", known)):
     error = regressor(q) @ known_parameters(belief, regressor) - truth
-    print(f"gravity by the {name}: error {np.sqrt((error**2).mean(axis=0)).max():.3f} N m")
+    print(f"gravity by the {name}: error {np.sqrt((error**2).mean(axis=0)).max():.4f} N m")
 
 # %% [markdown]
 # ## Inertia

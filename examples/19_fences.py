@@ -34,11 +34,13 @@ with rccl.control("puma560") as arm:
         arm.move(into)
     except FenceCrossed as error:
         print(f"refused: {error.body} would come {error.depth_m * 1000:.1f} mm too near {error.fence}")
+    else:
+        print("not refused: no fence is known; name their file with --deployment examples/19_fences.toml")
 
     arm.move(lift)
     arm.move(lift)
     arm.waitfor(arm.completed)
     arm.waitas(lambda: lift.code != Termination.COMPLETED)  # until then the arm goes down with the lift
-    print(f"{Termination(lift.code).name}: stopped before the bench, the lift {SINKING * arm.time / 1000:.0f} mm down")
+    print(f"{Termination(lift.code).name}: the arm stopped, the lift {SINKING * arm.time / 1000:.0f} mm down")
     arm.move(over)
     arm.waitfor(arm.completed)

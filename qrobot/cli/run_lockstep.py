@@ -127,11 +127,10 @@ class LockstepArm:
         arm, rig = self.arm, self.rig
         settings, plant = rig.settings, self._plant or arm.board.plant
         choices = settings.velocity, settings.interpolation
-        header = header_for(self._robot, rig.period_ns, settings.law, LOCKSTEP, plant, *choices)
+        laws, tool = [rig.law_in_force()], tool_of_arm(arm)
+        header = header_for(self._robot, rig.period_ns, laws[0].law, LOCKSTEP, plant, *choices)
         attachments = attach_files([robot_path(arm.robot), deployment_path(deployment)])
         fences = told_fences(arm, self._robot)
         attachments += fence_attachments(fences)
-        path, laws, tool = next(log_paths(log, arm.name)), [rig.law_in_force()], tool_of_arm(arm)
-        return write_log(
-            path, rig.rows(), header, attachments, laws=laws, robot=self._robot, tool_m=tool, fences=fences
-        )[0]
+        path, rows = next(log_paths(log, arm.name)), rig.rows()
+        return write_log(path, rows, header, attachments, laws=laws, robot=self._robot, tool_m=tool, fences=fences)[0]

@@ -76,10 +76,13 @@ class ExperimentRun:
 
     @property
     def name(self) -> str:
-        """Name of its files; what is not the default of estimator and interpolation is told."""
+        """Name of its files; what is not the default of estimator and interpolation is told.
+
+        It has no colon, which other file systems do not take and `scp` takes for the end of a host's name.
+        """
         unusual = [self.velocity] * (self.velocity != DEFAULT_ESTIMATOR)
         unusual += [self.interpolation] * (self.interpolation != DEFAULT_FORM)
-        return "-".join([self.clock, str(self.rate_hz), self.plant, self.law_label, *unusual])
+        return "-".join([self.clock, str(self.rate_hz), self.plant, self.law_label.replace(":", "-"), *unusual])
 
     @property
     def law_label(self) -> str:
@@ -155,9 +158,9 @@ def run_lockstep(run: ExperimentRun, directory: Path, robot: Robot | None = None
         rig.ticks(1)  # loads the compiled loop, which is not the motion's time
         run_program(rig, program_path())
     rows = rig.rows()
-    header = header_for(robot, rig.period_ns, run.law, LOCKSTEP, run.plant, run.velocity, run.interpolation)
+    header = header_for(robot, rig.period_ns, run.law_label, LOCKSTEP, run.plant, run.velocity, run.interpolation)
     directory.mkdir(parents=True, exist_ok=True)
-    path = write_log(directory / f"{run.name}.mcap", rows, header, robot=robot)[0]
+    path = write_log(directory / f"{run.name}.mcap", rows, header, laws=[rig.law_in_force()], robot=robot)[0]
     return _result(run, read_log(path), rig.realtime_factor, hashlib.sha256(rows.tobytes()).hexdigest())
 
 

@@ -174,3 +174,9 @@ def test_taught_places_are_visited_in_the_order_of_their_file(robot, capsys, tmp
     assert [path[i] for i in reached] == [pytest.approx(place, abs=0.1) for place in places.values()]
     assert reached == sorted(reached)
     assert np.array(robot.path[-1]) == pytest.approx(PARK)
+
+
+def test_a_file_without_places_is_told_of_and_moves_nothing(robot, tmp_path) -> None:
+    with pytest.raises(SystemExit, match=r"typo\.db has no places"):
+        run("13_taught_places.py", str(tmp_path / "typo.db"))
+    assert robot.path == []

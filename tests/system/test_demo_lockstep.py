@@ -7,11 +7,23 @@ import signal
 import subprocess
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from qrobot.log.read import read_log
+from qrobot.rig.experiment import ExperimentRun, run_lockstep
 from tests.support.patience import PATIENCE_S
 from tests.support.processes import FIRST_START_S, qrobot
+
+TELLING = """
+from qrobot.servo.laws.law import KP, KV, SIGNALS_AT, law
+
+@law(signals=("push",))
+def telling(q_ref, v_ref, q, v, gains, gravity, friction, memory, tau):
+    for j in range(tau.size):
+        tau[j] = gains[KP, j] * (q_ref[j] - q[j]) + gains[KV, j] * (v_ref[j] - v[j]) + gravity[j] + friction[j]
+    memory[SIGNALS_AT] = tau[1]
+"""
 
 RUN_KEYS = {
     "rate_hz": int,
@@ -47,6 +59,16 @@ def test_a_demo_in_lockstep_writes_its_summary_log_and_figures(tmp_path: Path) -
     assert run["cycles"] > 6000
     assert read_log(run["log"]).rows.size == run["cycles"]
     assert {path.name for path in (tmp_path / "demo").glob("*.png")} == {"positions.png", "errors.png"}
+
+
+def test_the_log_of_a_law_of_ones_own_has_its_name_without_the_folder_and_the_names_of_its_signals(
+    tmp_path: Path,
+) -> None:
+    (tmp_path / "my_laws.py").write_text(TELLING)
+    log = run_lockstep(ExperimentRun(1000, law=f"{tmp_path}/my_laws.py:telling"), tmp_path).log
+    assert log.path.name == "lockstep-1000-nominal-my_laws.py-telling.mcap"
+    assert (log.law_names, log.signal_names) == (("my_laws.py:telling",), ("push",))
+    assert np.abs(log.rows["signals"][:, 0]).max() > 1.0
 
 
 @pytest.mark.parametrize("run", [1, 2])

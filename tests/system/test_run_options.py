@@ -35,20 +35,20 @@ with rccl.control("puma560", period_ms=28) as arm:
     arm.move(arm.jposition("turned", [waist + 30.0, *others]))
     arm.waitfor(arm.completed)
 """
+MINE = """
+from qrobot.servo.laws.law import KP, KV, law
+
+@law
+def mine(q_ref, v_ref, q, v, gains, gravity, tau):
+    for j in range(tau.size):
+        tau[j] = gains[KP, j] * (q_ref[j] - q[j]) + gains[KV, j] * (v_ref[j] - v[j]) + gravity[j]
+"""
 ARM_OF_ITS_OWN = """
 [[arm]]
 name = "bent"
 robot = "bent.toml"
 board = { kind = "emulator", start_pose = "park" }
 bridge = { host = "127.0.0.1", port = 5600 }
-"""
-LAW = """
-from qrobot.servo.laws.law import law
-
-@law
-def mine(q, v, q_ref, v_ref, a_ref, kp, kv, inertia, gravity, friction, dt, memory, sensors, settings, tau):
-    for j in range(tau.size):
-        tau[j] = kp[j] * (q_ref[j] - q[j]) + kv[j] * (v_ref[j] - v[j]) + gravity[j]
 """
 
 
@@ -82,6 +82,13 @@ def test_a_run_in_lockstep_has_law_rate_and_log(here: Path, capsys: pytest.Captu
     assert log.rows.size > 100
     assert set(log.attachments) == {"puma560.toml", "emulator.toml"}
     assert "qrobot log info logs/run.mcap" in capsys.readouterr().err
+
+
+def test_the_log_of_a_law_of_ones_own_has_one_name_for_it(here: Path) -> None:
+    (here / "short.py").write_text(SHORT)
+    (here / "mine.py").write_text(MINE)
+    assert run("--lockstep", "--law", "mine.py:mine", "--log", "run.mcap", "short.py") == 0
+    assert read_log(here / "run.mcap").law_names == ("mine.py:mine",)
 
 
 def test_the_log_of_a_program_that_fails_is_kept(here: Path) -> None:

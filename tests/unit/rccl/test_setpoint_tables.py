@@ -121,6 +121,7 @@ def test_what_is_no_file_of_its_kind_is_refused_and_what_a_spreadsheet_adds_is_n
     pq.write_table(table, tmp_path / "f.parquet" / "inside.parquet")
     told_of = {"r.parquet": "cannot read", "b.csv": "cannot read", "f.csv": "Is a directory"}
     told_of |= {"f.parquet": "Is a directory", "none.parquet": "No such file", "twice.parquet": "two columns"}
+    told_of |= {"none.csv": "none.csv: No such file or directory$"}
     for file, told in told_of.items():
         with pytest.raises(ConfigError, match=told):
             read_setpoint_table(tmp_path / file, ROBOT)
