@@ -69,7 +69,7 @@ class ServoParameters(NamedTuple):
     estimator: int  # see `servo.kernels.velocity`
     filter_rad_s: float
     observer_rad_s: float
-    form: Any  # (6, 3), see `servo.kernels.interpolation_polynomials`
+    form: Any  # (6, 4), see `servo.kernels.interpolation_polynomials`
     first_knot: int
     q_min: Any
     q_max: Any
