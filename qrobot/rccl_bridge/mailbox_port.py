@@ -153,10 +153,12 @@ class ServoPort:
         return bool(memory.info.ready) and shows_life(memory, self._silence_ns(memory))
 
     def slipped_ns(self) -> int:
-        """Delay of the arm's time behind CLOCK_MONOTONIC, as the servo said last; 0 before one was there."""
+        """Delay of the arm's time behind CLOCK_MONOTONIC, as a servo said last in a cycle; 0 before one did."""
         with contextlib.suppress(LinkError):
-            said = int(self._follow().memory.heartbeat.slipped_ns)
-            self._slipped_ns = said if 0 <= said < time.monotonic_ns() else 0
+            heartbeat = self._follow().memory.heartbeat
+            said = int(heartbeat.slipped_ns)
+            if heartbeat.t_ns != 0:  # one that has just started has said nothing yet
+                self._slipped_ns = said if 0 <= said < time.monotonic_ns() else 0
         return self._slipped_ns
 
     def stalled(self) -> bool:

@@ -23,7 +23,7 @@ from typing import IO, Any
 
 from qrobot.errors import LinkBusy, LinkError, LinkTimeout, QRobotError
 from qrobot.hwif.board_memory import attach_board_memory
-from qrobot.realtime.shared_memory import discard_dead
+from qrobot.realtime.shared_memory import SharedMemory, discard_dead
 from qrobot.realtime.startup_order import TURN_VARIABLE
 from qrobot.realtime.supervised import Supervision
 from qrobot.rig.interrupts import interrupts_deferred
@@ -219,13 +219,18 @@ def _wait_for(child: Child, ready: Callable[[], bool]) -> None:
         time.sleep(POLL_S)
 
 
+def _serves(segment: SharedMemory) -> bool:
+    """A living process owns it, and has cleared what a killed one has left in it: that takes a moment."""
+    return segment.owner_alive and Path(f"/proc/{segment.header.owner_pid}").exists()
+
+
 def board_ready(arm: str) -> bool:
     """A board serves this arm and has published an image."""
     try:
         segment = attach_board_memory(arm)
     except QRobotError:
         return False
-    ready = segment.owner_alive and bool(segment.memory.facts.period_ns) and segment.memory.shown.sequence > 0
+    ready = _serves(segment) and bool(segment.memory.facts.period_ns) and segment.memory.shown.sequence > 0
     segment.close()
     return bool(ready)
 
@@ -239,7 +244,7 @@ def _maybe_front(arm: str) -> Iterator[ServoFront | None]:
         yield None
         return
     with segment:
-        yield segment.front if segment.owner_alive else None
+        yield segment.front if _serves(segment) else None
 
 
 def servo_ready(arm: str) -> bool:

@@ -51,6 +51,19 @@ def test_a_silent_servo_is_gone_sooner_when_its_guardian_has_taken_the_board(
     assert port.alive() is alive
 
 
+def test_time_does_not_leap_ahead_while_a_servo_that_was_started_again_has_run_no_cycle(
+    port: ServoPort, front: ServoFront
+) -> None:
+    assert port.slipped_ns() == 0
+    front.heartbeat.slipped_ns = NS_PER_S // 2
+    assert port.slipped_ns() == NS_PER_S // 2
+    front.heartbeat.t_ns = front.heartbeat.slipped_ns = 0
+    front.header.generation += 1
+    assert port.slipped_ns() == NS_PER_S // 2
+    front.heartbeat.t_ns, front.heartbeat.slipped_ns = NS_PER_S, NS_PER_S // 4
+    assert port.slipped_ns() == NS_PER_S // 4
+
+
 ASKING = SetpointFrame(1, 1, NS_PER_S, 28_000_000, (0,) * 6, (0.0,) * 6, True, False, False, 0, 0)
 
 
