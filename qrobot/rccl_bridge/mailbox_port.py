@@ -37,9 +37,11 @@ def warm_up() -> None:
 def shows_life(memory: ServoMemory, silence_ns: int) -> bool:
     """Whether a servo runs whose last cycle was so long ago.
 
-    One that its guardian has taken the board from, for silence, has to show sooner that it runs again.
+    One that its guardian has taken the board from, for silence, has to show sooner that it runs again: after two
+    periods, where its cycles are that long.
     """
-    return abs(silence_ns) < (STALLED_NS if memory.guardian.takeover else STALE_NS)
+    soon_ns = min(max(STALLED_NS, 2 * int(memory.info.period_ns)), STALE_NS)
+    return abs(silence_ns) < (soon_ns if memory.guardian.takeover else STALE_NS)
 
 
 class MailboxPort:

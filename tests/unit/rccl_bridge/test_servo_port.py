@@ -12,6 +12,7 @@ import pytest
 from qrobot.rccl_bridge.mailbox_port import STALE_NS, STALLED_NS, ServoPort
 from qrobot.rccl_bridge.servo_interface import SetpointFrame
 from qrobot.servo.memory.servo_memory import ServoFront, create_servo_memory
+from qrobot.servo.settings import LOWEST_RATE_HZ
 from qrobot.units import NS_PER_S
 
 
@@ -82,3 +83,13 @@ def test_a_request_for_power_made_to_the_servo_before_neither_powers_nor_takes_t
     assert front.command.power == 0
     port.write_setpoint(ASKING)
     assert front.command.power == 1  # it has been asked for anew
+
+
+@pytest.mark.parametrize(("age_periods", "alive"), [(1.5, True), (2.0, False)])
+def test_nor_is_a_slow_one_gone_between_two_of_its_cycles(
+    port: ServoPort, front: ServoFront, age_periods: float, alive: bool
+) -> None:
+    period_ns = round(NS_PER_S / LOWEST_RATE_HZ)
+    front.info.period_ns, front.guardian.takeover = period_ns, 1
+    front.heartbeat.t_ns = NS_PER_S - int(age_periods * period_ns)
+    assert port.alive() is alive
