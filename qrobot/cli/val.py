@@ -254,11 +254,16 @@ def _execute(interpreter: Interpreter, program: str, cycles: int, speed: float) 
     from qrobot.val.terminal import forget_typed
 
     interpreter.machine.arm.override = speed
-    state = interpreter.execute(_chosen(program, list(interpreter.machine.programs)), cycles)
-    while state is RunState.PAUSED:
-        forget_typed()
-        _ask(f"{interpreter.message}; return goes on ")
-        state = interpreter.proceed()
+    try:
+        state = interpreter.execute(_chosen(program, list(interpreter.machine.programs)), cycles)
+        while state is RunState.PAUSED:
+            forget_typed()
+            _ask(f"{interpreter.message}; return goes on ")
+            state = interpreter.proceed()
+    except KeyboardInterrupt:
+        if interpreter.task is not None:
+            complain("interrupted in program {}, line {}: the arm stands".format(*interpreter.task.at))
+        raise
     if state is RunState.COMPLETED:
         return SUCCESS
     complain(interpreter.message)

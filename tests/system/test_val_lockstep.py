@@ -35,6 +35,7 @@ SAID = {
     "08_sort": ["1 2 1"],
     "09_weave": ["woven 119 mm"],  # 120 off line; the servo is a little behind when the last place is asked for
     "10_recover": ["that place is out of reach", "the program goes on", "home"],
+    "12_touch_a_plane": ["the plate is tilted by 13 degrees", "the tool stands 5 mm above it"],
 }
 
 

@@ -47,9 +47,14 @@ ORIENTATIONS: Final[dict[str, tuple[tuple[str, ...], Callable[[Floats], list[flo
 
 
 def joint_table(stream: Stream, measured: bool = False) -> TrajectoryTable:
-    """Time, s, and joint setpoints, degrees (mm on a sliding joint); or measured positions."""
+    """Time, s, and joint setpoints, degrees (mm on a sliding joint); or measured positions.
+
+    Raises ConfigError: none was measured.
+    """
     kinds = stream.start.structure
     times, rows = stream.table(RecordKind.MEASURED if measured else RecordKind.JOINTS, stream.start.n)
+    if measured and not len(times):
+        raise ConfigError(f"no joint positions were measured: the machine was {stream.start.machine}")
     names = [f"j{i + 1}_{'mm' if kind == 'P' else 'deg'}" for i, kind in enumerate(kinds)]
     scales = np.array([MM_PER_M if kind == "P" else DEG_PER_RAD for kind in kinds])
     return {"t_s": times} | dict(zip(names, (rows * scales).T.copy(), strict=True))

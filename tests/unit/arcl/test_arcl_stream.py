@@ -133,6 +133,11 @@ def test_orientations_are_told_in_a_variety_of_forms(path: Path, orientation: st
     assert table_text(table).count("\n") == 6
 
 
+def test_a_table_of_what_was_measured_needs_a_machine_that_measures(path: Path) -> None:
+    with pytest.raises(ConfigError, match="no joint positions were measured: the machine was offl"):
+        joint_table(read_stream(path), measured=True)
+
+
 def test_matrices_and_quaternions_of_a_table_are_the_orientation(path: Path) -> None:
     matrix = cartesian_table(read_stream(path), "matrix")
     assert np.allclose([matrix[f"a{axis}"][0] for axis in "xyz"], POSE[:3, 2])

@@ -53,6 +53,7 @@ TYPED = {
     "09_weave": ["woven 120 mm"],
     "10_recover": ["that place is out of reach", "the program goes on", "home"],
     "11_vacuum": ["the plate lies on the tray"],
+    "12_touch_a_plane": ["the plate is tilted by 13 degrees", "the tool stands 5 mm above it"],  # slopes of 0.2 and 0.1
 }
 
 
@@ -60,7 +61,7 @@ TYPED = {
 def test_an_example_runs_to_its_end_and_types_what_it_has_done(file) -> None:
     """On RCCL and on ARCL, where it comes to rest at the same places but where it is stopped on its way."""
     rests = {library: _rests(file, library) for library in ("rccl", "arcl")}
-    if file.stem not in ("03_light_curtain", "10_recover"):
+    if file.stem not in ("03_light_curtain", "10_recover", "12_touch_a_plane"):
         assert len(rests["arcl"]) == len(rests["rccl"]) > 0
         assert np.array(rests["arcl"]) == pytest.approx(np.array(rests["rccl"]), abs=1e-6)
     assert rests["arcl"][-1] == pytest.approx(rests["rccl"][-1], abs=1e-6)
