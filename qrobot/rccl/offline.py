@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import replace
+from functools import cached_property
 from typing import Final
 
 import numpy as np
@@ -124,11 +125,15 @@ class OfflineLink:
         """Carry a payload, unless the arm could not; the rest has no one to hear it."""
         self._refusal = ""
         if isinstance(packet, Payload):
-            self._refusal = PayloadJudge(self._robot).objection(packet)
+            self._refusal = self._payloads.objection(packet)
             if not self._refusal:
                 self._load = packet
                 self._torques.carry(packet)
                 self._state = replace(self._state, robot=replace(self._state.robot, payload_mass=packet.mass))
+
+    @cached_property
+    def _payloads(self) -> PayloadJudge:
+        return PayloadJudge(self._robot)
 
     @property
     def refusal(self) -> str:

@@ -11,13 +11,16 @@ import pytest
 
 from qrobot import rccl
 from qrobot.arcl import ARCL_ROBOT, arcl_close, arcl_open, arcl_setload
+from qrobot.arcl.machine import emulated
 from qrobot.cli.console import run_app
 from qrobot.cli.main import make_app
 from qrobot.cli.motion_figures import farthest_off, path_of
-from qrobot.config import load_deployment, load_robot
+from qrobot.config import Robot, load_deployment, load_robot
 from qrobot.errors import MotionError
 from qrobot.fences.fence_set import fences_of
+from qrobot.model.payload_judge import PayloadJudge
 from qrobot.motion import Termination, motion_limits
+from qrobot.rccl import offline
 from qrobot.rccl.offline import OfflineLink
 from qrobot.rccl.setpoints import Setpoints, read_setpoints, write_setpoints
 from qrobot.rccl.trace import Trace
@@ -279,3 +282,25 @@ def test_off_line_too_a_robot_of_arcl_refuses_what_it_could_not_carry() -> None:
         with pytest.raises(MotionError, match=r"carries 2\.5 kg"):
             arcl_setload(robot, 5.0)
         arcl_close(robot)
+
+
+def test_what_an_arm_off_line_can_carry_is_computed_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    made = list[str]()
+
+    class Counted(PayloadJudge):
+        def __init__(self, robot: Robot) -> None:
+            made.append(robot.name)
+            super().__init__(robot)
+
+    for module in (offline, emulated):
+        monkeypatch.setattr(module, "PayloadJudge", Counted)
+    with rccl.use(OfflineLink), rccl.control(ROBOT.name) as arm:
+        for kg in (1.0, 2.0, 0.0):
+            arm.setload(kg)
+    assert len(made) == 1
+    with use_machine(MachineChoice("offline")):
+        robot = arcl_open(ARCL_ROBOT, ROBOT.name, 0)
+        for kg in (1.0, 2.0, 0.0):
+            arcl_setload(robot, kg)
+        arcl_close(robot)
+    assert len(made) == 2

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
+from functools import cached_property
 from typing import Final, Protocol
 
 import numpy as np
@@ -134,8 +135,12 @@ class EmulatedMachine:
 
     def tell(self, setting: Payload | Collision) -> None:
         """See `RobotMachine.tell`: nothing weighs on this arm, but what it could not carry is refused."""
-        if isinstance(setting, Payload) and (objection := PayloadJudge(self._robot).objection(setting)):
+        if isinstance(setting, Payload) and (objection := self._payloads.objection(setting)):
             raise MotionError(f"{self._robot.name} cannot carry that: {objection}")
+
+    @cached_property
+    def _payloads(self) -> PayloadJudge:
+        return PayloadJudge(self._robot)
 
     def keep_path(self, keeper: PathKeeper) -> None:  # noqa: ARG002 (there is nobody who would give the arm back)
         """See `RobotMachine.keep_path`. Raises MotionError, always."""
