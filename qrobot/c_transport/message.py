@@ -64,6 +64,7 @@ class Op(IntEnum):
     RETRACT = 41
     COLLISION = 42
     SETLOAD = 43
+    ANALOG = 44
     ARCL_CALL = 50
     ARCL_WORD = 51
     MANIP_OPEN = 60

@@ -10,12 +10,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from qrobot import rci
+from qrobot import rccl, rci
 from qrobot.arcl import arcl_close, arcl_collision, arcl_open, arcl_setload, arcl_wait
+from qrobot.cli.arms import choose_arm, servo_settings
 from qrobot.cli.console import run_app
 from qrobot.cli.main import make_app
 from qrobot.errors import MotionError, ServoFault
 from qrobot.faultcodes import FaultCode
+from qrobot.hwif.registers import DAC_COUNTS_PER_VOLT, DAC_ZERO
+from qrobot.rccl.c.program import run_executable
 from qrobot.rci.machine_choice import MachineChoice, use_machine
 from qrobot.rig.lockstep import LockstepRig, link_factory
 from qrobot.servo.settings import ServoSettings
@@ -23,7 +26,7 @@ from qrobot.sim_board.emulator import Emulator
 from qrobot.val.interpreter import Interpreter
 from qrobot.val.monitor import ValMonitor
 from tests.support.arcl import forget_programs, run_c
-from tests.support.c_programs import compiled, needs_compiler
+from tests.support.c_programs import compiled, compiled_text, needs_compiler
 from tests.support.dead_encoder import TABLE
 from tests.support.puma import ROBOT
 from tests.support.val_storms import arm_in_lockstep
@@ -176,3 +179,38 @@ def test_a_program_in_c_tells_them_and_ends_at_what_is_refused(rig: LockstepRig,
     assert said.out == "told\n", said.err
     assert HEAVY in said.err
     assert rig.mailbox.snapshot().payload_mass == 1.5
+
+
+ANALOG_IN_C = """
+main() {
+    rccl_analog(1, 2.5);
+    waitas(how.time > 300.)
+    printf("it shows them\\n");
+    fflush(stdout);
+    rccl_analog(%s);
+    printf("never\\n");
+}
+"""
+
+
+@needs_compiler
+@pytest.mark.usefixtures("own_cache")
+@pytest.mark.parametrize(
+    ("wrong", "why"),
+    [
+        ("1, 10.1", "is not within 0 to 10 V"),
+        ("2, 1.", "there is no analogue output 2"),
+        ("9, 1.", "are 1 to 8"),
+    ],
+)
+def test_a_program_of_rccl_in_c_sets_an_analogue_output_and_ends_at_what_is_refused(
+    wrong: str, why: str, tmp_path: Path, capfd
+) -> None:
+    rig = LockstepRig(ROBOT, servo_settings(choose_arm(str(VACUUM), None)))
+    with rccl.use(partial(link_factory, rig, 28_000)):
+        assert run_executable(compiled_text(ANALOG_IN_C % wrong, tmp_path)) == 1
+    said = capfd.readouterr()
+    assert said.out == "it shows them\n"
+    assert why in said.err
+    shown_v = (DAC_ZERO - rig.emulator.bundle.board.dac[6]) / DAC_COUNTS_PER_VOLT
+    assert shown_v == pytest.approx(2.5, abs=0.003)  # the example holds it through a stop

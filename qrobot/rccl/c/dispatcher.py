@@ -191,6 +191,12 @@ class Dispatcher:
         self.arm.collision(message.text, thresholds if message.n else None, mm)
         return None
 
+    def analog(self, message: CallMessage) -> CallReply:
+        """Let an analogue output show so many volts."""
+        output, volts = message.numbers[:2]
+        self.arm.analog(int(output), volts)
+        return None
+
     def setload(self, message: CallMessage) -> CallReply:
         """Tell what the hand holds: mass, centre, inertia."""
         self.arm.setload(message.numbers[0], message.numbers[1:4], message.numbers[4:10])
@@ -359,6 +365,7 @@ CALLS: Final[dict[Op, CallRow]] = {
     Op.EVALFN: CallRow(Dispatcher.evalfn),
     Op.KEEP_PATH: CallRow(Dispatcher.keep_path),
     Op.KEPT: CallRow(Dispatcher.kept),
+    Op.ANALOG: CallRow(Dispatcher.analog, waits=True),
     Op.COLLISION: CallRow(Dispatcher.collision, waits=True),
     Op.SETLOAD: CallRow(Dispatcher.setload, waits=True),
     Op.UPDATE: CallRow(Dispatcher.update),

@@ -61,6 +61,7 @@ int rccl_comply(char *dirs, int count, double *values);
 #define CLOSE rccl_close_hand();
 void rccl_open_hand(void);
 void rccl_close_hand(void);
+int rccl_analog(int output, double volts); /* ours: an analogue output of the deployment file, from 1; binary ones: chg.outputs */
 
 /* ------------------------------------------------------------------------------- speed, and going on after a stop */
 

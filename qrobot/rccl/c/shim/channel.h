@@ -88,6 +88,7 @@ enum op {
     OP_RETRACT,
     OP_COLLISION,
     OP_SETLOAD,
+    OP_ANALOG,
     /* of ARCL */
     OP_ARCL_CALL = 50,
     OP_ARCL_WORD,

@@ -131,6 +131,11 @@ API void rccl_close_hand(void)
     ask(OP_HAND, "close", 0, 0);
 }
 
+API int rccl_analog(int output, double volts)
+{
+    return ask(OP_ANALOG, "", output, volts);
+}
+
 /* ------------------------------------------------------------------------- speed, and going on after a stop */
 
 API int rccl_override(double percent)
