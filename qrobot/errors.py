@@ -126,10 +126,13 @@ class ProgramError(QRobotError):
         what: what is wrong, and what was expected.
         line: of the file, from 1; 0 for none.
         column: of the line, from 1; 0 for none.
+
+    `file` is named before them in the message.
     """
 
-    def __init__(self, what: str, line: int = 0, column: int = 0) -> None:
-        where = ", ".join(f"{name} {number}" for name, number in (("line", line), ("column", column)) if number)
+    def __init__(self, what: str, line: int = 0, column: int = 0, file: str = "") -> None:
+        places = [f"{name} {number}" for name, number in (("line", line), ("column", column)) if number]
+        where = ", ".join([file, *places] if file else places)
         super().__init__(f"{where}: {what}" if where else what)
         self.what, self.line, self.column = what, line, column
 

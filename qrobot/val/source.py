@@ -57,10 +57,10 @@ class SourceFile:
 
 
 def load_source(path: Path) -> SourceFile:
-    """Read a file. Raises ConfigError: it cannot be read; ProgramError: the first mistake in it."""
+    """Read a file. Raises ConfigError: it cannot be read; ProgramError: the first mistake in it, with its name."""
     source, errors = read_source(_text(path))
     if errors:
-        raise errors[0]
+        raise ProgramError(errors[0].what, errors[0].line, errors[0].column, printable(str(path)))
     return source
 
 

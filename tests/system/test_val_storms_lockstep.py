@@ -51,10 +51,12 @@ def test_a_step_that_is_stopped_goes_on_with_proceed_and_ctrl_c_on_the_way_back_
         assert "interrupted" in monitor.obey("PROCEED")
         assert arm.off_path
         here = arm.q.copy()
-        for _ in range(10):
-            arm.sample()
+        for paused in (False, True, False):  # the operator, whose `qrobot ctl resume` is not PROCEED
+            rig.mailbox.request_pause(paused)
+            for _ in range(10):
+                arm.sample()
         assert np.abs(arm.q - here).max() < 1e-3
-        assert "PROCEED leads the arm back" in monitor.obey("DO READY")
+        assert "it alone lets it go on; PROCEED leads the arm back" in monitor.obey("DO READY")
         assert monitor.obey("PROCEED") == "completed"
         assert np.degrees(arm.q[0] - ROBOT.poses["park"][0]) == pytest.approx(60.0, abs=0.3)
 

@@ -25,6 +25,7 @@ from qrobot.motion.request import MoveRequest, SpeedShare
 from qrobot.motion.world.kinematics import ArmKinematics
 
 WAY_BACK_SHARE: Final = 0.1  # [A] of the joints' greatest speeds, on the way back
+_PAUSED: Final = "the program has paused the arm on the way back to its path, and it alone lets it go on"
 THERE: Final = 1e-6  # rad or m: of an arm that is with the goal it followed
 
 
@@ -81,7 +82,7 @@ class KeptPath:
         """
         if not self.confirmed:
             return self.reason
-        return MotionError("the program has paused the arm on the way back to its path") if paused else None
+        return MotionError(_PAUSED) if paused else None
 
     def judge(self, objection_to: Callable[[Floats], MotionError | None]) -> bool:
         """Whether an arm that may go back is near enough to its goal, which stands; else it waits for another word."""

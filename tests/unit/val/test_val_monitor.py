@@ -78,6 +78,14 @@ def test_files_are_found_without_their_suffix(tmp_path: Path) -> None:
     assert "cannot read" in session("", f"LOAD {tmp_path}/other")[0]
 
 
+def test_a_mistake_in_a_file_is_told_with_its_name_and_nothing_of_it_is_taken(tmp_path: Path) -> None:
+    file = tmp_path / "wrong.v2"
+    file.write_text(main_program("x = 1", "MOVE"))
+    loaded, programs = session("", f"LOAD {tmp_path}/wrong", "LISTP")
+    assert loaded.startswith(f"error: {file}, line 3, column 1: MOVE: expected 1 argument")
+    assert programs == ""
+
+
 def test_places_are_taught_listed_stored_and_loaded(tmp_path: Path) -> None:
     file = tmp_path / "taught.v2"
     commands = "DO MOVE TRANS(450,150,0,90,90)", "DO BREAK", "HERE a", "TEACH #p", "POINT b = a:TRANS(,,10)"
