@@ -10,15 +10,15 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
+from qrobot.cli import run_options as options
 from qrobot.cli.arms import DEFAULT_DEPLOYMENT, choose_arms, inside_fences, robot_of_arm
 from qrobot.cli.console import FAILURE, complain, err, note
-from qrobot.cli.option_types import OutputFilm, OutputFolder, OutputLog, RateHz, StartPlace, checked_folder
+from qrobot.cli.option_types import checked_folder
 from qrobot.cli.program_errors import own_place, own_traceback
-from qrobot.config.scene import SceneKind
 from qrobot.config.start_place import start_place
 from qrobot.errors import ConfigError, QRobotError
 from qrobot.units import US_PER_MS
@@ -36,19 +36,19 @@ def run(
     program: Path,
     *arguments: Annotated[str, Parameter(allow_leading_hyphen=True)],
     deployment: str = DEFAULT_DEPLOYMENT,
-    arm: str | None = None,
-    lockstep: bool = False,
-    offline: bool = False,
-    start: StartPlace | None = None,
-    output: OutputFolder | None = None,
-    plant: Literal["nominal", "mismatched"] | None = None,
-    scene: SceneKind | None = None,
-    law: str | None = None,
-    model: str | None = None,
-    rate: RateHz | None = None,
-    log: OutputLog | None = None,
-    record: OutputFilm | None = None,
-    traceback: bool = False,
+    arm: options.ArmOption = None,
+    lockstep: options.LockstepOption = False,
+    offline: options.OfflineOption = False,
+    start: options.StartOption = None,
+    output: options.OutputOption = None,
+    plant: options.PlantOption = None,
+    scene: options.SceneOption = None,
+    law: options.LawOption = None,
+    model: options.ModelOption = None,
+    rate: options.RateOption = None,
+    log: options.LogOption = None,
+    record: options.RecordOption = None,
+    traceback: options.TracebackOption = False,
 ) -> int:
     """Run a program that moves an arm through `qrobot.rccl` or `qrobot.arcl`, or what `qrobot cc` made of one in C.
 
@@ -75,38 +75,6 @@ def run(
         Its own command-line arguments.
     deployment
         Deployment file, or the name of a packaged one: tells where the bridge is.
-    arm
-        Which arm of the file; may be left out when there is only one, and for a program of several arms, which takes
-        them by their names or the addresses of their bridges.
-    lockstep
-        On virtual time, without processes.
-    offline
-        On virtual time, without a servo.
-    start
-        With --lockstep or --offline: where the arm stands at first, a pose of its robot file (ready, park) or all
-        joints in degrees and mm, as 0,-90,90,0,0,0; default the `start_pose` of the deployment file. Of one arm.
-    output
-        Folder for what is written down; default with --offline out/offline/ and the program's name, else nothing is.
-    plant
-        With --lockstep: overrides the deployment file.
-    scene
-        With --lockstep: what stands around the arm. It overrides what the program says of itself (`scene = "crank"`
-        below [tool.qrobot] in its head, see the page on touching things), and that overrides the deployment file.
-    law
-        With --lockstep: control law of the servo, overriding the file's: pd, qrobot, ... or your own as
-        path/to/file.py:name, from this folder.
-    model
-        With --lockstep: identified model of the arm (`qrobot identify fit`), overriding the file.
-    rate
-        With --lockstep: cycles per second of the servo, overriding the file: 1000, 2000, 4000, ...
-    log
-        With --lockstep: log of every cycle to write, a file (.mcap) or a folder for one; a running arm has its own.
-    record
-        Film of the run to make when it has ended, `.gif`, or `.mp4` where ffmpeg is installed; no screen is needed. In
-        lock-step that of its log, as `qrobot log animate` makes it; else the arm as the program heard of it. Of one
-        arm: choose it with --arm. More than four minutes are shown faster.
-    traceback
-        Show all frames of an exception of the program's, not those in files of yours alone.
     """
     if start is not None and not (lockstep or offline):
         raise ConfigError("--start: only with --lockstep or --offline; a running arm stands where it is")

@@ -12,8 +12,9 @@ from cyclopts import App, Parameter
 
 from qrobot.cli.arms import DEFAULT_DEPLOYMENT, choose_arm, fences_of_arm, inside_fences, robot_of_arm
 from qrobot.cli.console import FAILURE, SUCCESS, complain, note, out, write_json
-from qrobot.cli.option_types import OutputFolder, OutputLog, Range, StartPlace
+from qrobot.cli.option_types import OutputFolder, OutputLog, Range
 from qrobot.cli.run import bridge_links, offline_links, run_through, run_virtual
+from qrobot.cli.run_options import LockstepOption, OfflineOption, StartOption
 from qrobot.errors import ConfigError, ProgramError
 from qrobot.printable import printable
 
@@ -81,9 +82,9 @@ def monitor(
     deployment: str = DEFAULT_DEPLOYMENT,
     arm: str | None = None,
     library: Library = "rccl",
-    lockstep: bool = False,
-    offline: bool = False,
-    start: StartPlace | None = None,
+    lockstep: LockstepOption = False,
+    offline: OfflineOption = False,
+    start: StartOption = None,
 ) -> int:
     """Command an arm by VAL II's monitor, in the terminal or from a pipe; ? lists the commands.
 
@@ -102,13 +103,6 @@ def monitor(
         Which arm of the file; may be left out when there is only one.
     library
         What moves the arm below the interpreter.
-    lockstep
-        On virtual time, without processes.
-    offline
-        On virtual time, without a servo.
-    start
-        With --lockstep or --offline: where the arm stands at first, a pose of its robot file (ready, park) or all
-        joints in degrees and mm, as 0,-90,90,0,0,0; default the `start_pose` of the deployment file.
     """
     _check_kind(lockstep, offline, start)
     chosen = choose_arm(deployment, arm)
@@ -134,9 +128,9 @@ def run(
     deployment: str = DEFAULT_DEPLOYMENT,
     arm: str | None = None,
     library: Library = "rccl",
-    lockstep: bool = False,
-    offline: bool = False,
-    start: StartPlace | None = None,
+    lockstep: LockstepOption = False,
+    offline: OfflineOption = False,
+    start: StartOption = None,
     output: OutputFolder | None = None,
     log: OutputLog | None = None,
 ) -> int:
@@ -163,13 +157,6 @@ def run(
         Which arm of the file; may be left out when there is only one.
     library
         What moves the arm below the interpreter.
-    lockstep
-        On virtual time, without processes.
-    offline
-        On virtual time, without a servo.
-    start
-        With --lockstep or --offline: where the arm stands at first, a pose of its robot file (ready, park) or all
-        joints in degrees and mm, as 0,-90,90,0,0,0; default the `start_pose` of the deployment file.
     output
         Folder for what is written down of the run: requests, setpoints, figures.
     log
