@@ -5,7 +5,8 @@ says what to do, `geometric_path` which way leads there in some `coordinates`, `
 joins pieces (`path_piece`) by transitions (`blend`), `via_point` leads from one segment into the next, `path_stop`
 and `replan` leave it early, `joint_stop` leaves it altogether, `trajectory_state` is how far the arm is on it,
 `setpoint_check` judges each setpoint, and `generator` decides which of them comes when. `force` lets joints give way
-(`joint_matching`, `compliance`) and feels (`external_torque`) what the arm exerts.
+(`joint_matching`, `compliance`) and feels (`external_torque`) what the arm exerts. `kept` leads an arm back that the
+servo has stopped: to its path (`kept_path`), or from what it met (`retreat`).
 """
 
 from qrobot.motion.event import EventKind, MotionEvent, Termination

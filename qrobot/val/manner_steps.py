@@ -44,7 +44,7 @@ def _parameter(run: Interpreter, task: ValTask, action: tree.ParameterSetting) -
         run.machine.tell_collisions(number_ranges.collision(value), run.machine.switches["COMPLY"])
         return
     if action.name == "RETRACT":
-        run.machine.arm.retract(value)
+        run.machine.arm.retract(number_ranges.retract(value))
         return
     run.machine.hand_time_s = number_ranges.hand_time(value)
 

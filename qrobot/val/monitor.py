@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
+from math import nan
 from pathlib import Path
 from typing import Final
 
 from qrobot.errors import LinkError, ProgramError, QRobotError, ServoFault
 from qrobot.printable import printable
+from qrobot.rci.arguments import MOST_BACK_MM
 from qrobot.val import tree
 from qrobot.val.interpreter import Interpreter, RunState
 from qrobot.val.parser import parse_variable
@@ -91,7 +93,7 @@ class ValMonitor:
             "LOAD": self._load,
             "STORE": self._store,
             "SPEED": self._speed,
-            "RETRACT": lambda rest: self._do(f"PARAMETER RETRACT = {rest}"),
+            "RETRACT": self._retract,
             "IO": lambda _: self._signals(),
             "STATUS": lambda _: " ".join(filter(None, [self._run.state.value, self._run.message])),
             "CALIBRATE": lambda _: (
@@ -239,13 +241,11 @@ class ValMonitor:
         return ""
 
     def _speed(self, rest: str) -> str:
-        try:
-            speed = float(rest)
-        except ValueError:
-            speed = 0.0
-        if not LEAST_SPEED <= speed <= 100.0:
-            raise ProgramError(f"expected SPEED and a number from {LEAST_SPEED} to 100")
-        self._machine.arm.override = speed
+        self._machine.arm.override = _number("SPEED", rest, LEAST_SPEED, 100.0)
+        return ""
+
+    def _retract(self, rest: str) -> str:
+        self._machine.arm.retract(_number("RETRACT", rest, 0.0, MOST_BACK_MM))
         return ""
 
     def _signals(self) -> str:
@@ -254,6 +254,17 @@ class ValMonitor:
             on = [str(number) for number in numbers if self._machine.signal_is_on(number)]
             lines.append(f"{name:9}{' '.join(on) or 'none'}")
         return "\n".join(lines)
+
+
+def _number(command: str, rest: str, least: float, most: float) -> float:
+    """The number behind a command. Raises ProgramError: there is none from `least` to `most`."""
+    try:
+        number = float(rest)
+    except ValueError:
+        number = nan
+    if not least <= number <= most:
+        raise ProgramError(f"expected {command} and a number from {least:g} to {most:g}")
+    return number
 
 
 def _with_suffix(path: Path) -> Path:

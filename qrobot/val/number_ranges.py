@@ -6,6 +6,7 @@ from collections.abc import Callable
 from typing import Final
 
 from qrobot.errors import ProgramError
+from qrobot.rci.arguments import MOST_BACK_MM
 from qrobot.val import tree
 
 FASTEST: Final = 1000.0  # of SPEED, per cent or mm/s
@@ -58,6 +59,13 @@ def collision(percent: float) -> float:
     return percent
 
 
+def retract(mm: float) -> float:
+    """The number of PARAMETER RETRACT."""
+    if not 0.0 <= mm <= MOST_BACK_MM:
+        raise ProgramError(f"RETRACT is 0 to {MOST_BACK_MM:g} mm, not {mm:g}")
+    return mm
+
+
 def check_numbers(action: tree.StepAction, joints: int, constant: Callable[[tree.Expression], float | None]) -> None:
     """Raise ProgramError for a number that the action does not take; `constant` gives its value, None if unknown."""
 
@@ -80,3 +88,5 @@ def check_numbers(action: tree.StepAction, joints: int, constant: Callable[[tree
             look(hand_time, value)
         case tree.ParameterSetting(name="COLLISION", value=value):
             look(collision, value)
+        case tree.ParameterSetting(name="RETRACT", value=value):
+            look(retract, value)

@@ -172,7 +172,13 @@ def test_ctrl_c_on_the_way_back_from_what_was_met_stops_the_arm_there(library: s
         assert one.tip_m() == pytest.approx(-BELOW, abs=0.003)
 
 
-@pytest.mark.parametrize("wrong", ["", "-1", "301", "far"])
-def test_a_way_back_that_cannot_be_is_refused(wrong: str) -> None:
-    with monitor_above_a_table("rccl") as (_, monitor, _go):
-        assert monitor.obey(f"RETRACT {wrong}").startswith("error: ")
+def test_a_way_back_that_cannot_be_is_refused_and_another_may_be_told_while_the_arm_waits() -> None:
+    with monitor_above_a_table("rccl") as (one, monitor, go):
+        for wrong in ("", "-1", "301", "nan", "far", "1, 2"):
+            assert monitor.obey(f"RETRACT {wrong}") == "error: expected RETRACT and a number from 0 to 300"
+        assert "RETRACT is 0 to 300 mm, not 301" in monitor.obey("DO PARAMETER RETRACT = 301")
+        assert monitor.obey("DO PARAMETER RETRACT = 10") == ""
+        assert "COLLISION" in go()
+        assert monitor.obey("RETRACT 0") == ""
+        one.take_table_away()
+        assert monitor.obey("PROCEED") == "completed"

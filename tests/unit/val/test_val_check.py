@@ -68,6 +68,7 @@ def test_the_examples_have_no_mistakes(file) -> None:
         ("TIMER 16 = 0", 1, "timers are 0 to 15, not 16"),
         ("PARAMETER HAND.TIME = 61", 1, "HAND.TIME is 0 to 60 s"),
         ("PARAMETER COLLISION = 0", 1, "COLLISION is 1 to 100 per cent"),
+        ("PARAMETER RETRACT = 301", 1, "RETRACT is 0 to 300 mm"),
         ("x = 1/0", 6, "1 / 0 is no number"),
         ("x = SQRT(-4)", 5, "SQRT of -4 is no number"),
         ("x = BITS(2001, 17)", 1, "BITS takes 1 to 16 signals"),
