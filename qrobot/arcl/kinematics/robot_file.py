@@ -15,7 +15,7 @@ import numpy as np
 from qrobot.arcl.kinematics.jacobian import inverse_jacobian
 from qrobot.arrays import Floats
 from qrobot.config import Robot
-from qrobot.errors import ConfigError, JointLimit, Singular, Unreachable
+from qrobot.errors import ConfigError, JointLimit, MotionError, Singular, Unreachable
 from qrobot.model.arm import Arm
 from qrobot.model.branch import Branch
 from qrobot.model.paul import PAUL_OFFSET, T_PAUL_VAL
@@ -63,7 +63,8 @@ class RobotFileKinematics:
         try:
             return self._engine.inverse(self._T_file_base @ T, Branch(branch), near + self.zero, singular) - self.zero
         except JointLimit:
-            raise JointLimit(f"{_told(T, branch)}: {self._limits_passed(T, branch, near)}") from None
+            passed, other = self._limits_passed(T, branch, near), self._way_out(T, branch, near)
+            raise JointLimit(f"{_told(T, branch)}: {passed}{other}") from None
         except (Unreachable, Singular) as error:
             raise type(error)(f"{_told(T, branch)}: {str(error).partition(' mm: ')[2]}") from None
 
@@ -90,6 +91,15 @@ class RobotFileKinematics:
         except JointLimit as error:
             return str(error).partition(": ")[2]
         return "a joint would leave its range"
+
+    def _way_out(self, T: Floats, branch: Branch, near: Floats) -> str:
+        """A configuration in which the arm gets there, with the fewest letters changed, in words; "" for none."""
+        try:
+            there = self._arm.inverses(self._T_file_base @ T, near + self.zero)
+        except MotionError:
+            return ""
+        nearest = min(there, key=lambda each: (int(each) ^ int(branch)).bit_count(), default=None)
+        return "" if nearest is None else f"; configuration {nearest.letters!r} gets there"
 
 
 def _told(T: Floats, branch: Branch) -> str:

@@ -8,7 +8,7 @@ import pytest
 from qrobot.arcl.kinematics import config_letters, config_word, kinematics, kinematics_names, register_kinematics
 from qrobot.config import load_robot
 from qrobot.errors import ConfigError, JointLimit, MotionError, Singular, Unreachable
-from qrobot.model.branch import ALL_BRANCHES
+from qrobot.model.branch import ALL_BRANCHES, branch_of
 from qrobot.model.transform import rpy, transform
 
 PUMA = kinematics("puma560")
@@ -78,6 +78,32 @@ def test_an_inverse_leads_back_in_each_configuration() -> None:
         found = free.inverse(T, branch, theta)
         assert np.allclose(free.forward(found), T, atol=1e-9)
         assert free.branch(found) == branch
+
+
+def test_a_limit_names_a_configuration_that_gets_there_and_the_inverse_agrees() -> None:
+    rng, park, told = np.random.default_rng(3), np.radians([0.0, 135.0, 0.0, 0.0, 45.0, -180.0]), []
+    for q in rng.uniform(PUMA.limits.q_min, PUMA.limits.q_max, (50, 6)):
+        T = PUMA.forward(q)
+        for branch in ALL_BRANCHES:
+            try:
+                PUMA.inverse(T, branch, park)
+            except JointLimit as error:
+                told.append((T, str(error)))
+            except (Singular, Unreachable):
+                continue
+    assert len(told) > 20
+    for T, words in told:
+        letters = words.split("configuration '")[-1][:3]
+        assert words.endswith(f"; configuration '{letters}' gets there")
+        assert np.allclose(PUMA.forward(PUMA.inverse(T, branch_of(letters), park)), T, atol=1e-9)
+
+
+def test_a_limit_names_no_configuration_where_none_gets_there() -> None:
+    T = kinematics("puma560", unlimited=True).forward(np.radians([0.0, -90.0, -90.0, 0.0, 120.0, 0.0]))
+    for branch in ALL_BRANCHES:
+        with pytest.raises(JointLimit) as error:
+            PUMA.inverse(T, branch, np.zeros(6))
+        assert "gets there" not in str(error.value)
 
 
 def test_a_pose_out_of_reach_is_told_with_its_place() -> None:
