@@ -72,7 +72,7 @@ FACTS: Final = {
         False,
     ),
     F.SATURATED: Fact(
-        "`guard.saturation_s`, 0.5 s",
+        "`guard.saturation_s`, 0.5 s; 5 ms where the joint has fallen behind by 70 % of its following error",
         f"{WATCHES}::test_a_torque_at_its_limit_for_half_a_second_stops_the_arm_and_holds_it",
     ),
     F.COLLISION: Fact("15 ms", f"{MOTOR}::test_an_arm_that_hits_something_stops_on_its_path_and_stays_held"),

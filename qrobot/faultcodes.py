@@ -158,7 +158,7 @@ EXPLANATION: dict[FaultCode, tuple[str, str]] = {
     ),
     FaultCode.BRAKE_SLIP: ("the arm moved with closed brakes", "support the arm and service the brake"),
     FaultCode.SATURATED: (
-        "torque stayed at its limit for too long",
+        "torque stayed at its limit for too long, or while its joint fell behind its setpoints",
         "lower acceleration or payload, then start the program again",
     ),
     FaultCode.COLLISION: (
@@ -215,7 +215,7 @@ EXPLANATION: dict[FaultCode, tuple[str, str]] = {
     ),
     FaultCode.FOLLOWING: (
         "a joint lags behind its setpoint by more than allowed",
-        "clear obstacles, then `qrobot ctl clear`",
+        "clear obstacles, or lower acceleration or payload, then `qrobot ctl clear`",
     ),
     FaultCode.T1_LIMIT: (
         "the tool would move faster than the reduced speed allows",

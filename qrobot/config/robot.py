@@ -200,10 +200,10 @@ class Guard(Section):
     """Limits of the checks: torque, speed over `v_max`, following error, travel beyond the limits, first setpoint.
 
     `unexplained_torque` is what a joint may be pushed by that neither its command nor its model accounts for (N·m, N);
-    left out it is 70 % of `tau_max`. `runaway_share` of `v_max` is how much faster than its reference a joint so
-    pushed may be. `brake_slip` is how far a braked joint may move without power (rad, m); `saturation_s` how long a
-    torque may stay at its limit. `unknown_load` is what a load in the hand and wrong weights may put on a joint at
-    rest (N·m, N); left out it is 15 % of `tau_max`.
+    left out it is 70 % of `tau_max`; motions add what it takes to accelerate `limits.payload_kg`. `runaway_share` of
+    `v_max` is how much faster than its reference a joint so pushed may be. `brake_slip` is how far a braked joint may
+    move without power (rad, m); `saturation_s` how long a torque may stay at its limit. `unknown_load` is what a load
+    in the hand and wrong weights may put on a joint at rest (N·m, N); left out it is 15 % of `tau_max`.
     """
 
     tau_max: PerJointPositive

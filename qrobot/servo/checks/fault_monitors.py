@@ -8,6 +8,7 @@ from typing import Final
 from qrobot.faultcodes import NO_JOINT, FaultCode
 from qrobot.hwif.registers import STATUS_POWER
 from qrobot.modecodes import Mode
+from qrobot.model.dynamics import inverse_dynamics
 from qrobot.model.transmission import motor_rates, torque_to_motor
 from qrobot.realtime.jit import lean_kernel
 from qrobot.servo.checks.dead_encoder import (
@@ -57,6 +58,8 @@ STRAYED_READINGS: Final = 4  # that show it on its way, where the model is sure 
 STANDS_TURNS: Final = 0.5  # the model is sure of so much, and the potentiometer shows none of it
 COUPLING_SHARE: Final = 1.0  # C [A]; 2.5 kg in a PUMA's hand bring M_23 from 0.2 of the bound to 0.7
 SCALE_SHARE: Final = 0.3  # S [A]: torques a fifth too small, weights 5 % too light
+OVERTAXED_SHARE: Final = 0.7  # of its following error that a joint with all its torque may fall behind [A]
+OVERTAXED_S: Final = 0.005  # with all its torque, as far behind [A]
 COMPLIANT_PUSH: Final = 0.7  # of tau_max [A], as where a robot file has no threshold of its own
 COMPLIANT_SPEED: Final = 8.0  # times the margin of a runaway: an arm that gives way may be pushed that fast [A]
 SETTLE_S: Final = 0.25  # seen without power: brakes close, the arm comes to rest
@@ -152,6 +155,7 @@ def watch_motors(params: ServoParameters, state: ServoState) -> None:
     set_thresholds(params, state)
     motor_demand(params, state)
     inertial_torques(params, state)
+    planned_torques(params, state)
     observe_motors(params, state, stale)
     if stale:
         return
@@ -216,6 +220,20 @@ def inertial_torques(params: ServoParameters, state: ServoState) -> None:
 
 
 @lean_kernel
+def planned_torques(params: ServoParameters, state: ServoState) -> None:
+    """Allow for what a program's accelerations make of an unknown load in the hand and of torques that are off scale.
+
+    The load is the heaviest that the arm may carry, at the flange; what it weighs at rest is in the threshold.
+    """
+    watch, dt = state.watch, state.dt
+    inverse_dynamics(state.q, state.v_ref, state.a_ref, params.watch.heaviest, state.work, watch.carried)
+    for j in range(state.q.size):
+        own = SCALE_SHARE * params.inertia[j] * abs(state.a_ref[j])
+        planned = abs(watch.carried[j]) + own if state.mode == TRACKING else 0.0
+        watch.planned[j] = lasting(watch.planned[j], planned, dt)
+
+
+@lean_kernel
 def unplanned_bend(params: ServoParameters, state: ServoState, j: int) -> float:
     """Acceleration that no program plans: of a stop, and what a jump of the reference's velocity asks for.
 
@@ -257,7 +275,8 @@ def _watch_encoder(params: ServoParameters, state: ServoState, j: int) -> None:
     least, greatest = torque_bounds(
         watch.slid[j], watch.travel[j], watch.going[j] != 0,
         limits.holds_up[j], limits.holds_down[j], limits.rise_up[j] + shifted, limits.rise_down[j] + shifted,
-        watch.inertial[j] + WRONG_INERTIA * params.inertia[j] * watch.jolt[j], SCALE_SHARE * abs(watch.load[j]),
+        watch.inertial[j] + watch.planned[j] + WRONG_INERTIA * params.inertia[j] * watch.jolt[j],
+        SCALE_SHARE * abs(watch.load[j]),
     )  # fmt: skip
     watch.missing_v[j], watch.missing[j] = predict_travel(
         torque, least, greatest, params.inertia[j], state.dt, watch.missing_v[j], watch.missing[j]
@@ -284,10 +303,20 @@ def held_by(params: ServoParameters, state: ServoState, j: int) -> int:
 
 
 @lean_kernel
+def momentum(params: ServoParameters, state: ServoState, j: int) -> float:
+    """Momentum of joint `j`, N m s (N s): of M0, and of the rotors that other joints turn with it."""
+    total = params.inertia[j] * state.v[j]
+    for k in range(state.q.size):
+        if k != j:
+            total += params.dynamics.armature[j, k] * state.v[k]
+    return float(total)
+
+
+@lean_kernel
 def _forget_motor(params: ServoParameters, state: ServoState, j: int) -> None:
     """Expect of a joint what it has."""
     watch = state.watch
-    watch.expected[j], watch.push[j] = params.inertia[j] * state.v[j], 0.0
+    watch.expected[j], watch.push[j] = momentum(params, state, j), 0.0
     watch.over_s[j], watch.clipped_s[j] = 0.0, 0.0
 
 
@@ -298,15 +327,23 @@ def _observe_motor(params: ServoParameters, state: ServoState, j: int) -> None:
     if state.unseen == 0:
         watch.along[j] = counts_along(watch.along[j], watch.step[j], state.tau_motor[j], params.watch.proof[j])
     watch.expected[j], watch.push[j] = observe_push(
-        params.inertia[j] * state.v[j], watch.drive[j],
+        momentum(params, state, j), watch.drive[j],
         state.dt, params.watch.pace, watch.expected[j], watch.push[j],
     )  # fmt: skip
 
 
 @lean_kernel
+def explained_push(params: ServoParameters, state: ServoState, j: int) -> float:
+    """Push of joint `j` that needs no reason, N m (N): a lower threshold that is asked for takes no unknown load in."""
+    watch = state.watch
+    most = watch.threshold[j] + watch.allowed[j]
+    return float(most + watch.planned[j] if watch.threshold[j] >= params.watch.unexplained[j] else most)
+
+
+@lean_kernel
 def _watch_motor(params: ServoParameters, state: ServoState, j: int) -> None:
     watch, limits, dt = state.watch, params.watch, state.dt
-    if abs(watch.push[j]) <= watch.threshold[j] + watch.allowed[j]:
+    if abs(watch.push[j]) <= explained_push(params, state, j):
         watch.over_s[j] = 0.0
     else:
         watch.over_s[j] += dt
@@ -315,9 +352,19 @@ def _watch_motor(params: ServoParameters, state: ServoState, j: int) -> None:
     if stopped_dead(still_s, v_moving, unit, params.inertia[j], limits.impossible[j], watch.over_s[j]):
         report_fault(state, ENC_STUCK, j, params.inertia[j] * abs(v_moving) / still_s, limits.impossible[j])
     watch.clipped_s[j] = watch.clipped_s[j] + dt if abs(state.tau[j]) >= params.tau_max[j] else 0.0
-    report_fault(
-        state, check_saturation(watch.clipped_s[j], limits.saturation_s), j, watch.clipped_s[j], limits.saturation_s
-    )
+    longest_s = OVERTAXED_S if is_overtaxed(params, state, j) else limits.saturation_s
+    report_fault(state, check_saturation(watch.clipped_s[j], longest_s), j, watch.clipped_s[j], longest_s)
+
+
+@lean_kernel
+def is_overtaxed(params: ServoParameters, state: ServoState, j: int) -> bool:
+    """A program's motion asks for more torque than joint `j` has: it falls behind, and nothing but a load need push it.
+
+    It is to be stopped while it can be held; at its following error its power would be cut.
+    """
+    if state.mode != TRACKING or state.watch.over_s[j] > 0.0 or gives_way(state):
+        return False
+    return bool(abs(state.q_ref[j] - state.q[j]) > OVERTAXED_SHARE * params.following_error[j])
 
 
 @lean_kernel
@@ -326,14 +373,14 @@ def _name_push(params: ServoParameters, state: ServoState, j: int) -> None:
     push, still_s = watch.push[j], watch.still_s[j]
     share = COMPLIANT_SPEED if gives_way(state) else 1.0
     margin = share * limits.runaway_speed[j] + thrown_speed(state, j)
-    most = watch.threshold[j] + watch.allowed[j]
+    most = explained_push(params, state, j)
     code = check_push(
         push, most, watch.over_s[j], watch.drive[j],
         state.v[j], state.v_ref[j], margin,
         still_s, still_s * abs(watch.v_moving[j]) / limits.unit_per_count[j], limits.impossible[j],
         watch.work < 0.0, watch.along[j] >= limits.proof[j],
     )  # fmt: skip
-    if code != 0 and abs(push) <= limits.unexplained[j] + watch.allowed[j]:
+    if code != 0 and abs(push) <= limits.unexplained[j] + watch.allowed[j] + watch.planned[j]:
         code = COLLISION  # only a lower threshold was asked for: nothing more is known to be wrong
     if code == ENC_STUCK and pot_is_watching(state, j):
         return  # a matter of the potentiometer, see `_watch_encoder`

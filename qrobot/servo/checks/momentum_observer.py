@@ -6,9 +6,10 @@ on each joint by itself, with the constant inertia M0 of the robot file:
     push = pace (M0 v - expected)        d expected / dt = tau - load - friction + push
 
 so that `push` follows the missing torque with the time constant 1/pace, and needs no acceleration. Where v comes out of
-a low pass, the torque has to go through the same one, or every change of it shows as push. What the constant inertia
-leaves out - other joints' accelerations, centrifugal torque, a load in the hand, wrong friction and a wrong torque
-constant - shows as push as well; the thresholds have to lie above it.
+a low pass, the torque has to go through the same one, or every change of it shows as push. Rotors that other joints
+turn too belong to the momentum: off the diagonal, M0 is C^T J C. What the constant inertia leaves out - other links'
+accelerations, centrifugal torque, a load in the hand, wrong friction and a wrong torque constant - shows as push as
+well; the thresholds have to lie above it.
 """
 
 from __future__ import annotations

@@ -8,6 +8,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from qrobot.config import Robot
+from qrobot.model.dynamics import DynamicsParams, dynamics_params, with_payload
 from qrobot.servo.kernels.interpolation_polynomials import find_form
 from qrobot.servo.memory.stop_record import INCIDENT_WORDS
 from qrobot.servo.settings import ServoSettings
@@ -42,6 +43,7 @@ class WatchParams(NamedTuple):
     rise_down: Any
     unknown_load: Any  # N m (N)
     root_inertia: Any  # sqrt of M0
+    heaviest: DynamicsParams  # of the heaviest load alone, without weight
     jumps: int  # 1: the velocity of the reference jumps at setpoints
     jolt_per_jump: Any  # Kv / M0, 1/s: acceleration a jump asks for
     jolt_max: Any  # tau_max / M0, rad/s2 (m/s2)
@@ -80,6 +82,8 @@ class WatchState:
     jolt: Any  # of `bend`, what no program plans: a stop's, and jumps of the reference's velocity
     v_ref_before: Any  # of the cycle before
     inertial: Any  # what other joints' acceleration may put on it, of late, N m (N)
+    carried: Any  # torque for the heaviest load to follow the reference, N m (N)
+    planned: Any  # push that it may make, with torques off scale, of late, N m (N)
     allowed: Any  # push that a wrong model may make of such accelerations, N m (N)
     driven: Any  # 1: reference or torque has changed since, int64
     v_moving: Any  # velocity of the motor when they last changed
@@ -128,6 +132,7 @@ def watch_params(robot: Robot, settings: ServoSettings) -> WatchParams:
         rise_down=torque * (RISE_SHARE * friction.coulomb_neg + step),
         unknown_load=load * np.ones(robot.n),
         root_inertia=np.sqrt(robot.control.inertia),
+        heaviest=heaviest_load(robot),
         jumps=int(find_form(settings.interpolation).continuity == 0),
         jolt_per_jump=robot.control.kv / robot.control.inertia,
         jolt_max=guard.tau_max / robot.control.inertia,
@@ -136,6 +141,14 @@ def watch_params(robot: Robot, settings: ServoSettings) -> WatchParams:
         misses_allowed=int(settings.overrun.late_share * points),
         window_points=points,
     )
+
+
+def heaviest_load(robot: Robot) -> DynamicsParams:
+    """Model of the heaviest load that the arm may carry, a point at the flange of an arm that weighs nothing."""
+    bare = dynamics_params(robot)
+    for each in (bare.mass, bare.moment, bare.inertia, bare.armature, bare.gravity):
+        each[:] = 0.0
+    return with_payload(bare, robot.limits.payload_kg, np.array([0.0, 0.0, robot.geometry.flange_m]))
 
 
 def make_watch_state(n: int) -> WatchState:
@@ -154,6 +167,6 @@ def make_watch_state(n: int) -> WatchState:
         counts=integers(n), counts_on=integers(n), still_s=vector(), v_moving=vector(),
         travel=integers(n), going=integers(n), slid=vector(), missing_v=vector(), missing=vector(), q_ref_then=vector(),
         swept_then=vector(), bend=vector(), jolt=vector(), v_ref_before=vector(), inertial=vector(),
-        allowed=vector(), driven=integers(n),
+        carried=vector(), planned=vector(), allowed=vector(), driven=integers(n),
         gave_way=vector(), clipped_s=vector(), q_parked=vector(), incident=integers(INCIDENT_WORDS),
     )  # fmt: skip

@@ -3,7 +3,8 @@
 A controlled stop goes on along its path, for a tenth of a second and some centimetres of a fast tool; into what the arm
 has met. So once a torque nobody commanded works against the reference of a joint, its reference stands where the joint
 is: its velocity is damped, it is held with the stiffness of the law, and nothing drives it on. The other joints stop on
-their path, as in every stop, and in their turn give way if they are held back.
+their path, as in every stop, and in their turn give way if they are held back. A stop for want of torque gives way like
+that too: what holds a joint back is its load then.
 
 That is the reaction `STOP`. With `COMPLY` every joint that has given way, or has come to rest, is a soft spring for
 `COMPLY_NS` from the beginning of the stop, `SOFT` of the law's stiffness: what is clamped can be freed. Then the arm is

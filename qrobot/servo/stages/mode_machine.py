@@ -69,6 +69,7 @@ CAL_MISMATCH: Final = int(FaultCode.CAL_MISMATCH)
 CAL_STOPPED: Final = int(FaultCode.CAL_STOPPED)
 CAL_NO_TABLE: Final = int(FaultCode.CAL_NO_TABLE)
 COLLISION: Final = int(FaultCode.COLLISION)
+SATURATED: Final = int(FaultCode.SATURATED)
 STAGE_IDLE: Final = int(Stage.IDLE)
 
 # A clear that cannot be granted at once is tried for this long (the guardian needs a cycle to hand back the board).
@@ -337,7 +338,7 @@ def apply_faults(params: ServoParameters, state: ServoState, mail: Any, now_ns: 
     report_event(state, code, state.pending_joint)
     state.pending = 0
     mode, category = state.mode, category_of(code)
-    if code == COLLISION and mode in (TRACKING, STOPPING):
+    if code in (COLLISION, SATURATED) and mode in (TRACKING, STOPPING):
         state.watch.yields = 1
     if category == 0 or (category == 1 and mode not in (TRACKING, STOPPING)):
         state.fault = code
@@ -357,7 +358,7 @@ def apply_faults(params: ServoParameters, state: ServoState, mail: Any, now_ns: 
 
 @lean_kernel
 def finish_stop(state: ServoState) -> None:
-    """The stop has come to rest: go where it was meant to end. After a collision the arm is held where it got to."""
+    """The stop has come to rest: go where it was meant to end. One that gave way is held where it got to."""
     if state.after_stop == HOLDING and state.watch.yields != 0:
         hold_position(state)
     elif state.after_stop == HOLDING:

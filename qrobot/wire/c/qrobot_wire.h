@@ -202,7 +202,7 @@ static inline const char *qrobot_fault_text(int code)
     case 15: return "POWER_NO_ACK: arm power did not come on in time";
     case 16: return "BRAKE_STUCK: a driven joint has not moved since power came on, as encoder and potentiometer say: its brake did not release";
     case 17: return "BRAKE_SLIP: the arm moved with closed brakes";
-    case 18: return "SATURATED: torque stayed at its limit for too long";
+    case 18: return "SATURATED: torque stayed at its limit for too long, or while its joint fell behind its setpoints";
     case 19: return "COLLISION: something pushes a joint harder than its model can explain";
     case 21: return "OVERRUN: too many cycles were late or skipped";
     case 22: return "GUARD_TRIP: the guardian cut the torque because the servo's heartbeat stopped";
