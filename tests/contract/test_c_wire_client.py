@@ -451,7 +451,8 @@ def test_nobody_at_the_address_is_one_clear_line(client: Path) -> None:
         free.bind(("127.0.0.1", 0))
         address = f"127.0.0.1:{free.getsockname()[1]}"
         status, *_, error = talk(client, address)
-    assert (status, error) == (LOST, f"no answer of the bridge at {address}: Connection refused")
+    told = f"no answer of the bridge at {address}: Connection refused; start one with `qrobot up`"
+    assert (status, error) == (LOST, told)
 
 
 @pytest.mark.parametrize("address", ["lab:0", "lab:65536", "x" * 200])

@@ -1027,8 +1027,8 @@ static inline int qrw_reach(struct qrobot_link *link, const char *host, int numb
         freeaddrinfo(found);
     if (link->fd >= 0)
         return QROBOT_OK;
-    return qrw_fail(link, errno == ETIMEDOUT ? QROBOT_TIMEOUT : QROBOT_LOST, "no answer of %s: %s", link->peer,
-                    strerror(errno));
+    return qrw_fail(link, errno == ETIMEDOUT ? QROBOT_TIMEOUT : QROBOT_LOST, "no answer of %s: %s%s", link->peer,
+                    strerror(errno), errno == ECONNREFUSED ? "; start one with `qrobot up`" : "");
 }
 
 /* Wait until the far end closes; to close with unread input would take back what was sent (RFC 9293, 3.6.1). */
