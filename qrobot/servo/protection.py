@@ -34,7 +34,7 @@ from qrobot.servo.checks.hold_to_run import watch_key
 from qrobot.servo.checks.neighbour_watch import watch_neighbours
 from qrobot.servo.checks.reduced_speed import watch_tool
 from qrobot.servo.parameters import ServoParameters
-from qrobot.servo.stages.inputs import watch_arm
+from qrobot.servo.stages.inputs import watch_arm, watch_following
 from qrobot.servo.stages.mode_machine import watch_surroundings
 from qrobot.servo.state import ServoState
 
@@ -53,6 +53,7 @@ def check_inputs(params: ServoParameters, state: ServoState, mail: Any, now_ns: 
 
 @lean_kernel
 def check_reference(params: ServoParameters, state: ServoState, mail: Any, now_ns: int) -> None:
-    """Judge where the arm is about to be led, and whether somebody still wants it to go there."""
+    """Judge where the arm is about to be led, how far it is from there, and whether somebody still wants it to go."""
+    watch_following(params, state)
     watch_key(state, mail, now_ns)
     watch_tool(params, state)

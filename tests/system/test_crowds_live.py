@@ -72,7 +72,5 @@ def test_a_crowd_at_full_speed_in_every_place_does_not_stop_an_arm_that_moves(ar
     rows = rows[rows["t_ns"] >= began_ns]
     moving = np.abs(rows["v_ref"]).max(axis=1) > AT_REST
     assert moving.any()
-    # The newest event of each cycle, so also what was over soon. With half a processor some cycles do take more than
-    # half their period, somebody else's turn included: a warning (LAW_SLOW) that stops nothing.
-    assert set(rows["fault"].tolist()) <= {FaultCode.NONE, FaultCode.LAW_SLOW}
+    assert set(rows["fault"].tolist()) == {FaultCode.NONE}  # the newest event of each cycle, so also what was over soon
     assert set(rows["mode"][moving].tolist()) == {Mode.TRACKING}

@@ -192,12 +192,6 @@ def watch_arm(params: ServoParameters, state: ServoState) -> None:
     factor = VELOCITY_CATEGORY_0 if code == RUNAWAY else params.velocity_factor
     if code != NONE:
         report_fault(state, code, joint, abs(state.v[joint]), factor * params.v_max[joint])
-    reach = COMPLIANT_REACH if gives_way(state) else 1.0
-    code, joint = check_following(state.q_ref, state.q, params.following_error, reach)
-    if code != NONE:
-        report_fault(
-            state, code, joint, abs(state.q_ref[joint] - state.q[joint]), reach * params.following_error[joint]
-        )
     if state.mode not in (UNCALIBRATED, CALIBRATING):
         narrow_range(params, state)
         code, joint = check_range(state.q, state.range_min, state.range_max, params.range_margin)
@@ -205,6 +199,19 @@ def watch_arm(params: ServoParameters, state: ServoState) -> None:
             end = state.range_min[joint] if state.q[joint] < state.range_min[joint] else state.range_max[joint]
             report_fault(state, code, joint, state.q[joint], end)
         watch_indexes(params, state)
+
+
+@lean_kernel
+def watch_following(params: ServoParameters, state: ServoState) -> None:
+    """Raise what is too far from its reference, both of this cycle: after a long one the arm has gone on meanwhile."""
+    if not gives_torque(state.mode):
+        return
+    reach = COMPLIANT_REACH if gives_way(state) else 1.0
+    code, joint = check_following(state.q_ref, state.q, params.following_error, reach)
+    if code != NONE:
+        report_fault(
+            state, code, joint, abs(state.q_ref[joint] - state.q[joint]), reach * params.following_error[joint]
+        )
 
 
 @lean_kernel

@@ -1,0 +1,60 @@
+"""A servo that alone was kept from running for tens of milliseconds: the arm has gone on, and nothing else is wrong.
+
+The machine of an emulated arm may do that to it, whose late cycles are counted only.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from qrobot.config import load_robot
+from qrobot.faultcodes import FaultCode
+from qrobot.modecodes import Mode
+from qrobot.motion import Generator, JointSpeed, MoveRequest, motion_limits
+from qrobot.rig.lockstep import LockstepRig
+from qrobot.servo.memory.setpoint_queue import POSITION_SETPOINT
+from qrobot.servo.settings import COUNTED_ONLY, ServoSettings
+from qrobot.sim_board.emulator import Emulator, emulator_run
+
+PUMA = load_robot("puma560")
+PERIOD_S = 0.1
+BEFORE_S = 0.02  # of the frame in which the servo stops
+STRAYED = 0.01  # [A] rad, under a torque that is too old; 0.05 is the limit of FOLLOWING for the wrist
+
+
+def setpoints() -> list[list[float]]:
+    """A move of all joints that takes some seconds, one for each sample period."""
+    generator = Generator(motion_limits(PUMA), PERIOD_S, PUMA.poses["park"])
+    generator.push(MoveRequest("there", PUMA.poses["end"], JointSpeed(1.05)))
+    found, moving = [], True
+    while moving:
+        output = generator.update(len(found) + 1)
+        found.append(output.q.tolist())
+        moving = output.moving
+    return found
+
+
+@pytest.mark.parametrize("late_ms", [20, 45, 70])
+@pytest.mark.parametrize("frame", [4, 7, 10])
+def test_an_arm_that_went_on_while_its_servo_was_kept_from_running_is_on_its_path(late_ms: int, frame: int) -> None:
+    """Its reference and its place are compared as they are after the stall; before, they were `late_ms` apart."""
+    rig = LockstepRig(PUMA, ServoSettings(overrun=COUNTED_ONLY), Emulator(PUMA, start="park"))
+    rig.ticks(3)
+    rig.mailbox.request_power(True)
+    rig.run_for(0.1)
+    for seq, q in enumerate(setpoints()):
+        rig.mailbox.push_setpoint(1, seq, rig.now_ns, round(PERIOD_S * 1e9), [POSITION_SETPOINT] * PUMA.n, q)
+        late_s = 0.0
+        if seq == frame:
+            rig.run_for(BEFORE_S)
+            bundle = rig.emulator.bundle
+            rig.now_ns = emulator_run(bundle, rig.board, rig.now_ns, late_ms * 1_000_000 // bundle.period_ns)
+            late_s = BEFORE_S + late_ms * 1e-3
+        rig.run_for(PERIOD_S - late_s)
+    rows = rig.rows()
+    assert np.diff(rows["t_ns"]).max() >= late_ms * 1e6
+    assert np.abs(rows["v_ref"][np.argmax(np.diff(rows["t_ns"]))]).max() > 0.3  # it was on its way
+    assert np.abs(rows["q_ref"] - rows["q"]).max() < STRAYED
+    assert set(rows["fault"].tolist()) == {FaultCode.NONE}
+    assert rows["mode"][-1] == Mode.TRACKING
