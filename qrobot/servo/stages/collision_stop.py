@@ -8,13 +8,14 @@ that too: what holds a joint back is its load then.
 
 That is the reaction `STOP`. With `COMPLY` every joint that has given way, or has come to rest, is a soft spring for
 `COMPLY_NS` from the beginning of the stop, `SOFT` of the law's stiffness: what is clamped can be freed. Then the arm is
-held where it is.
+held where it is. A stop for want of torque is never soft: the load would sink.
 """
 
 from __future__ import annotations
 
 from typing import Any, Final
 
+from qrobot.faultcodes import FaultCode
 from qrobot.modecodes import Mode
 from qrobot.realtime.jit import lean_kernel
 from qrobot.servo.kernels.interpolator import line_through
@@ -22,6 +23,7 @@ from qrobot.servo.parameters import ServoParameters
 from qrobot.servo.state import ServoState
 
 HOLDING: Final = int(Mode.HOLDING)
+SATURATED: Final = int(FaultCode.SATURATED)
 STOP, COMPLY = range(2)
 COMPLY_NS: Final = 2_000_000_000  # [A] long enough to pull a hand out
 SOFT: Final = 0.1  # of the law's stiffness [A]
@@ -37,6 +39,14 @@ def take_collision(state: ServoState, mail: Any) -> None:
         watch.asked[j] = asked if asked > 0.0 else 0.0
     if watch.yields == 0:
         watch.reaction = COMPLY if command.collision_reaction == COMPLY else STOP
+
+
+@lean_kernel
+def begin_yielding(state: ServoState, code: int) -> None:
+    """Let the stop that `code` begins give way: softly, if that is the reaction, after a collision alone."""
+    if code == SATURATED and state.watch.yields == 0:
+        state.watch.reaction = STOP
+    state.watch.yields = 1
 
 
 @lean_kernel

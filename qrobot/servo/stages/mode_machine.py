@@ -31,7 +31,7 @@ from qrobot.servo.memory.stop_record import CODE as INCIDENT_CODE
 from qrobot.servo.memory.stop_record import note_incident
 from qrobot.servo.modes import gives_torque, set_mode, wants_power
 from qrobot.servo.parameters import ServoParameters
-from qrobot.servo.stages.collision_stop import forget_yielding
+from qrobot.servo.stages.collision_stop import begin_yielding, forget_yielding
 from qrobot.servo.stages.setpoint_stream import (
     REFUSALS,
     end_stream,
@@ -339,7 +339,7 @@ def apply_faults(params: ServoParameters, state: ServoState, mail: Any, now_ns: 
     state.pending = 0
     mode, category = state.mode, category_of(code)
     if code in (COLLISION, SATURATED) and mode in (TRACKING, STOPPING):
-        state.watch.yields = 1
+        begin_yielding(state, code)
     if category == 0 or (category == 1 and mode not in (TRACKING, STOPPING)):
         state.fault = code
         end_stream(state, mail)
