@@ -1,9 +1,9 @@
 """Storms on an arm in lock-step: somebody types anything at the monitor of VAL II, while the arm is disturbed.
 
 A storm is drawn from its seed. Each command meets its disturbance at a drawn sample: a stop that an operator asks for,
-arm power taken away, the emergency stop, a push on a joint, a pause, another override, or Ctrl-C at the terminal. What
-has been disturbed is put right some samples later, as by a person. In the end the monitor is put in order, and a
-program runs.
+arm power taken away, the emergency stop, a push on a joint, one so soft that it is a collision, from which the arm
+goes back, a pause, another override, or Ctrl-C at the terminal. What has been disturbed is put right some samples
+later, as by a person. In the end the monitor is put in order, and a program runs.
 """
 
 from __future__ import annotations
@@ -35,6 +35,8 @@ from tests.support.puma import ROBOT
 SAMPLE_US: Final = 28_000
 BEYOND: Final = 0.02  # rad beyond a joint's range: the servo's error, and the way of a stop
 PUSH_MICRO: Final = 60_000_000  # N m, on the shoulder or the elbow: far beyond what nobody commanded
+SOFT_MICRO: Final = (0.75e6 * ROBOT.guard.unexplained_torque_or_default).astype(int)  # N m, on the same joints
+FIRST: Final = "DO PARAMETER COLLISION = 50", "RETRACT 30"
 PATIENCE: Final = 3000  # samples that a command may take before Ctrl-C ends it
 TIMES_TO_PROCEED: Final = 3
 SAMPLES_TO_REST: Final = 60  # of an arm that falls into its brakes
@@ -69,7 +71,7 @@ BREAK
 """
 COMMANDS: Final = (
     *("EX main", "EX main,2", "EX endless,-1", "EX wrong", "XSTEP main", "NEXT", "PROCEED", "PROCEED", "PROCEED"),
-    *("RETRY", "ABORT", "SPEED 20", "SPEED 100", "RETRACT 30"),
+    *("RETRY", "ABORT", "SPEED 20", "SPEED 100", "RETRACT 0"),
     *("DO MOVE #c", "DO MOVE #a", "DO DRIVE 2,-5,50", "WHERE", "STATUS"),
 )
 
@@ -150,6 +152,11 @@ def _push(rig: LockstepRig, drawn: random.Random) -> None:
     rig.board.panel.push[drawn.choice([1, 2])] = drawn.choice([-1, 1]) * PUSH_MICRO
 
 
+def _soft_push(rig: LockstepRig, drawn: random.Random) -> None:
+    joint = drawn.choice([1, 2])
+    rig.board.panel.push[joint] = drawn.choice([-1, 1]) * SOFT_MICRO[joint]
+
+
 def _ctrl_c(_rig: LockstepRig, _drawn: random.Random) -> None:
     raise KeyboardInterrupt
 
@@ -160,6 +167,7 @@ _CAUSES: Final[dict[str, Callable[[LockstepRig, random.Random], None]]] = {
     "power off": lambda rig, _drawn: rig.mailbox.request_power_off(),
     "emergency stop": _estop,
     "push": _push,
+    "soft push": _soft_push,
     "pause": lambda rig, _drawn: rig.mailbox.request_pause(True),
     "override": lambda rig, drawn: rig.mailbox.request_override(drawn.choice([0.1, 0.5])),
     "Ctrl-C": _ctrl_c,
@@ -211,6 +219,7 @@ def _rage(rig: LockstepRig, arm: ValArm, drawn: random.Random, found: Storm, com
     run = Interpreter(arm, lambda _line: None, lambda _question: "1")
     run.machine.load(read_source(PROGRAMS)[0])
     monitor = ValMonitor(run)
+    found.told += [f"{line}: {monitor.obey(line)}" for line in FIRST]
     for line in drawn.choices(COMMANDS, k=commands):
         met = weather.draw()
         try:
