@@ -1,7 +1,7 @@
 /* Two arms share a place, in C: whichever holds the semaphore may enter (Corke & Kirkham, section 2.7).
  *
  * The generator asks EVENT_DEQ before a motion begins. Answered with MOVE_STOP the arm stays where it is, and the
- * generator asks again. */
+ * generator asks again. Arms that run are named by their bridges: `s13_two_arms 127.0.0.1:5600 127.0.0.1:5601`. */
 #include <arcl.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -40,8 +40,8 @@ int main(int argc, char *argv[])
 {
     int i;
 
-    arms[0] = arcl_open(ARCL_ARGCV, argc, argv, 0);
-    arms[1] = arcl_open(0);
+    arms[0] = arcl_open(ARCL_BRIDGE, argc > 2 ? argv[1] : "", ARCL_ARGCV, argc, argv, 0);
+    arms[1] = arcl_open(ARCL_BRIDGE, argc > 2 ? argv[2] : "", 0);
     if (arms[0] == NULL || arms[1] == NULL)
         exit(1);
     sem_excl = new_sem("shared place");

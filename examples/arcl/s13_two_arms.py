@@ -1,13 +1,15 @@
 """Two arms share a place: whichever holds the semaphore may enter (Corke & Kirkham, section 2.7).
 
 The generator asks EVENT_DEQ before a motion begins. Answered with MOVE_STOP the arm stays where it is, and the
-generator asks again. `qrobot run --offline` moves two arms on one time; live, name two running arms.
+generator asks again. `qrobot run --offline` moves two arms on one time. Arms that run, and those of `qrobot run
+--lockstep --deployment two_arms`, are named behind the program by their bridges: 127.0.0.1:5600 127.0.0.1:5601.
 """
 
 import sys
 
 from qrobot.arcl import (
     ARCL_ARGCV,
+    ARCL_BRIDGE,
     ERROR,
     EVENT_DEQ,
     EVENT_DONE,
@@ -45,7 +47,11 @@ def excl_proc(event, rp):
     return OK
 
 
-arms = [arcl_open(ARCL_ARGCV, len(sys.argv), sys.argv, 0), arcl_open(0)]
+first, second = [word for word in sys.argv if ":" in word] or ("", "")
+arms = [
+    arcl_open(ARCL_ARGCV, len(sys.argv), sys.argv, ARCL_BRIDGE, first, 0),
+    arcl_open(ARCL_BRIDGE, second, 0),
+]
 for rp in arms:
     move(rp, robot_pos(rp, "park"), MOV_SHARE, 30, 0)
     move(rp, joint_pos(rp, "shared", SHARED), MOV_NOTIFY, excl_proc, 0)

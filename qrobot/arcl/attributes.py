@@ -26,6 +26,7 @@ class Attribute(IntEnum):
     ARCL_STREAM = 6  # file of the diagnostic stream
     ARCL_START = 7  # off line: joint positions to begin at, degrees (mm)
     ARCL_CLEAR = 8  # clear a latched fault first
+    ARCL_BRIDGE = 9  # "host:port" of the bridge of one of several arms
     MOV_TRAJ = 101  # sticky: TRAJ_JOINT or TRAJ_CART
     MOV_TIME = 102  # Tseg, ms
     MOV_TACC = 103  # sticky: Ta, ms, half the time of the transition into the motion
@@ -55,6 +56,7 @@ ARCL_PERIOD: Final = Attribute.ARCL_PERIOD
 ARCL_STREAM: Final = Attribute.ARCL_STREAM
 ARCL_START: Final = Attribute.ARCL_START
 ARCL_CLEAR: Final = Attribute.ARCL_CLEAR
+ARCL_BRIDGE: Final = Attribute.ARCL_BRIDGE
 MOV_TRAJ: Final = Attribute.MOV_TRAJ
 MOV_TIME: Final = Attribute.MOV_TIME
 MOV_TACC: Final = Attribute.MOV_TACC

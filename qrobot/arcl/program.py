@@ -28,6 +28,7 @@ from qrobot.config import Robot, load_robot
 from qrobot.errors import JointLimit, MotionError, QRobotError
 from qrobot.motion import Blend, Trsf, warm_up, warm_up_cartesian
 from qrobot.rci.machine_choice import machine_choice
+from qrobot.rci.tcp import address_text
 
 DEFAULT_ROBOT = "puma560"
 DEFAULT_MACHINE = "bridge"
@@ -55,6 +56,7 @@ def arcl_open(*attributes: Any) -> ArclRobot:
     settings = MachineSettings(
         arm, aki.zero, _period(one.get(Attribute.ARCL_PERIOD)), _stream(one, arm), Path(sys.argv[0] or "python").name,
         Attribute.ARCL_CLEAR in given, _start(one.get(Attribute.ARCL_START), arm, aki),
+        _bridge(one.get(Attribute.ARCL_BRIDGE, "")),
     )  # fmt: skip
     if layer not in EMULATED:  # no sample may wait for the compiler
         warm_up(arm.n, Blend.ZERO_JERK)
@@ -77,6 +79,13 @@ def _period(given: object) -> float | None:
     if isinstance(given, bool) or not isinstance(given, int | float):
         raise MotionError(f"ARCL_PERIOD: a number of ms is needed, not {given!r}")
     return float(given)
+
+
+def _bridge(address: object) -> str:
+    """Address of a bridge in full; empty for the program's. Raises MotionError, ConfigError: that is no address."""
+    if not isinstance(address, str):
+        raise MotionError(f"ARCL_BRIDGE: host:port is needed, not {address!r}")
+    return address_text(address) if address else ""
 
 
 def _robot(name: object) -> Robot:

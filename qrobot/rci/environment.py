@@ -69,10 +69,8 @@ def use(factory: LinkFactory | dict[str, LinkFactory], virtual_time: bool = True
             return factory(hello)
         place = address_text(robot.bridge) if robot.bridge else ""
         if (chosen := factory.get(robot.name) or factory.get(place)) is None:
-            there = ", ".join(factory)
-            raise ConfigError(
-                f"no way to robot {robot.name!r} is given here; there is one to {there}; --arm chooses one"
-            )
+            wanted, there = f"{robot.name!r} at {place}" if place else repr(robot.name), ", ".join(factory)
+            raise ConfigError(f"no way to robot {wanted} is given here; there is one to {there}; --arm chooses one")
         return chosen(hello)
 
     token = _environment.set(Environment(links, virtual_time))

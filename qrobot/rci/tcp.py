@@ -37,10 +37,11 @@ def bridge_address(text: str | None = None) -> SocketAddress:
     Raises:
         ConfigError: that is no address.
     """
+    what = BRIDGE_VARIABLE if text is None else "the address of a bridge"
     text = os.environ.get(BRIDGE_VARIABLE, "") if text is None else text
     host, _, port = text.partition(":")
     if port and not (port.isdecimal() and 0 < int(port) < 1 << 16):
-        raise ConfigError(f"{BRIDGE_VARIABLE} is {text!r}; host:port is needed, as in {LOCALHOST}:{DEFAULT_PORT}")
+        raise ConfigError(f"{what} is {text!r}; host:port is needed, as in {LOCALHOST}:{DEFAULT_PORT}")
     return host or LOCALHOST, int(port) if port else DEFAULT_PORT
 
 

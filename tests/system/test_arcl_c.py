@@ -24,6 +24,7 @@ from qrobot.rci import VirtualLink
 from qrobot.rig.lockstep import LockstepRig, link_factory
 from qrobot.servo.settings import ServoSettings
 from qrobot.sim_board.emulator import Emulator
+from qrobot.wire import Hello
 from tests.support.arcl import EXAMPLES, forget_programs, keys_of_a_terminal, run_c, run_example
 from tests.support.c_programs import CHECKED, FOUND, compiled, needs_compiler, needs_valgrind, under_valgrind
 from tests.support.fake_robot import FakeRobot
@@ -122,6 +123,21 @@ def test_a_program_that_keeps_its_path_sees_why_it_waits_and_goes_on_when_it_con
     assert told.out == "FOLLOWING, code 0\ntoo long\ncode 4, kept ''\n"
     assert "keep_path: a way back of 0 or more mm and degrees is needed, not -1.0" in told.err
     assert fake.q[0] == pytest.approx(np.radians(40.0))
+
+
+def test_a_program_in_c_tells_two_arms_apart_by_their_bridges_s13(tmp_path: Path, capfd) -> None:
+    places = ("127.0.0.1:5600", "127.0.0.1:5601")
+    fakes = [FakeRobot(tuple(PARK)) for _ in places]
+
+    def link(fake: FakeRobot, hello: Hello) -> VirtualLink:
+        return VirtualLink(hello, fake.transfer)
+
+    with rci.use({place: partial(link, fake) for place, fake in zip(places, fakes, strict=True)}):
+        assert run_c(compiled(EXAMPLES / "s13_two_arms.c", tmp_path), tmp_path, *places, ami="bridge") == 0
+    said = re.findall(r"arm (\d) (enters|is done)", capfd.readouterr().out)
+    assert sorted(said) == [("1", "enters"), ("1", "is done"), ("2", "enters"), ("2", "is done")]
+    assert [event for _, event in said] == ["enters", "is done", "enters", "is done"]
+    assert [fake.q for fake in fakes] == [pytest.approx(PARK), pytest.approx(PARK)]
 
 
 WRONG = """\

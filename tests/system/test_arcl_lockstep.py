@@ -14,6 +14,7 @@ import pytest
 from qrobot import rci
 from qrobot.arcl import (
     ARCL_AMI,
+    ARCL_BRIDGE,
     ARCL_PERIOD,
     ARCL_ROBOT,
     ARCL_START,
@@ -133,6 +134,32 @@ def test_two_arms_share_a_place_s13(tmp_path: Path, capsys: pytest.CaptureFixtur
         [("1", "enters"), ("1", "is done"), ("2", "enters"), ("2", "is done")],
         [("2", "enters"), ("2", "is done"), ("1", "enters"), ("1", "is done")],
     )
+
+
+def test_arms_of_one_kind_are_told_apart_by_the_addresses_of_their_bridges() -> None:
+    places = ("127.0.0.1:5600", "127.0.0.1:5601")
+    rigs = [LockstepRig(ROBOT, ServoSettings(rate_hz=1000.0)) for _ in places]
+    ways = {place: partial(link_factory, rig, SAMPLE_US) for place, rig in zip(places, rigs, strict=True)}
+    with rci.use(ways):  # as `qrobot run --lockstep` gives them
+        one, other = arcl_open(ARCL_BRIDGE, ":5601", 0), arcl_open(ARCL_BRIDGE, "127.0.0.1:5600", 0)
+        move(one, joint_pos(one, "away", AWAY), 0)
+        arcl_wait(one)
+        with pytest.raises(ConfigError, match=r"'puma560' at 127\.0\.0\.1:5602"):
+            arcl_open(ARCL_BRIDGE, ":5602", 0)
+        arcl_close(one)
+        arcl_close(other)
+        forget_programs()
+    stood, moved = (np.ptp(rig.rows()["q"], axis=0).max() for rig in rigs)
+    assert stood < 0.01
+    assert moved > 0.1
+
+
+@pytest.mark.parametrize(
+    ("address", "error"), [(5600, MotionError), ("there:99999", ConfigError), ("a:b:1", ConfigError)]
+)
+def test_what_is_no_address_of_a_bridge_is_refused(address: object, error: type[Exception]) -> None:
+    with pytest.raises(error, match="host:port is needed"):
+        arcl_open(ARCL_AMI, "offline", ARCL_BRIDGE, address, 0)
 
 
 def program(*attributes: object) -> None:

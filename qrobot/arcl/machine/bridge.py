@@ -57,7 +57,8 @@ class BridgeMachine:
         self.sample: MachineSample | None = None
         self._settings = settings
         self._hello = hello_for(settings.robot.name, _period_us(settings.period_ms))
-        self._links = partial(environment().links, KnownRobot(settings.robot.name, settings.robot.name))
+        known = KnownRobot(settings.robot.name, settings.robot.name, settings.bridge)
+        self._links = partial(environment().links, known)
         self._link: Link = self._links(self._hello)
         self.virtual_time = self._link.virtual_time
         self.period_s = 0.0  # as the bridge says when it is greeted

@@ -67,6 +67,7 @@ class MachineSettings:
         program: name of the program, for the stream.
         clear_fault: clear a latched fault before power-up.
         start: where an arm stands that is not there, as setpoints; None for its park pose. Shape (n,).
+        bridge: "host:port" of the arm's bridge; empty for the program's.
     """
 
     robot: Robot
@@ -76,6 +77,7 @@ class MachineSettings:
     program: str = ""
     clear_fault: bool = False
     start: Floats | None = None
+    bridge: str = ""
 
 
 class PathKeeper(Protocol):

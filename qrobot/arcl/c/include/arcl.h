@@ -98,6 +98,7 @@ enum {
     ARCL_STREAM,
     ARCL_START,
     ARCL_CLEAR,
+    ARCL_BRIDGE,
     MOV_TRAJ = 101,
     MOV_TIME,
     MOV_TACC,
