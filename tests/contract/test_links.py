@@ -297,9 +297,12 @@ def test_the_bridges_address_may_be_given_in_parts(text, address, monkeypatch) -
 
 
 @pytest.mark.parametrize("text", ["lab:port", "lab:0", "lab:65536", "1:2:3"])
-def test_an_impossible_address_is_refused(text) -> None:
-    with pytest.raises(ConfigError, match="QROBOT_BRIDGE is"):
+def test_an_impossible_address_is_refused_by_the_name_of_where_it_stands(text, monkeypatch) -> None:
+    with pytest.raises(ConfigError, match=f"the address of a bridge is '{text}'; host:port is needed"):
         bridge_address(text)
+    monkeypatch.setenv("QROBOT_BRIDGE", text)
+    with pytest.raises(ConfigError, match=f"QROBOT_BRIDGE is '{text}'; host:port is needed"):
+        bridge_address()
 
 
 def test_the_blackboards_one_time_requests_go_out_once() -> None:

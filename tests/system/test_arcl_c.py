@@ -194,7 +194,7 @@ TOLD = {
     "h": "move: a pointer leads to no object that ARCL has made",
     "i": "new_trans_rotvec: a null pointer was given",
     "j": "new_trans_tr: longer texts",
-    "k": "makeposition: write",
+    "k": "makeposition pos: write",
     "l": "trans_assign: a pointer leads to no object that ARCL has made, or to one that was freed",
     "m": "quat_mult: a null pointer",
     "n": "sem_take: a semaphore is needed",

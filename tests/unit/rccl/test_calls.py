@@ -102,6 +102,7 @@ def test_what_waits_in_python_waits_in_c() -> None:
         "NEXT_SAMPLE",
         "TEACH",
         "STEPMODE",
+        "ANALOG",
         "COLLISION",
         "SETLOAD",
     }
