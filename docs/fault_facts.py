@@ -54,7 +54,7 @@ FACTS: Final = {
         "1 cycle when all words read ones; 4 cycles or the board's time-out when nothing is new", BREAKS
     ),
     F.VEL_LIMIT: Fact(
-        "the cycle that measures it",
+        "the second cycle in a row that measures it",
         f"{CYCLE}::test_a_joint_too_fast_while_tracking_is_stopped_on_the_path_and_then_cut",
     ),
     F.DAC_STUCK: Fact("40 ms after the COLLISION it began as while the joint moves, else 0.3 s", BREAKS),

@@ -148,6 +148,7 @@ class ServoState:
     flag_word: int = 0  # the same with what telemetry tells beside
     image_seen: int = 0  # count of the newest image
     unchanged: int = 0  # cycles in a row that have seen no newer one
+    too_fast: int = 0  # cycles in a row in which a joint was faster than its limit
     unseen: int = 0  # 1: no image says where the joints are, and they are carried on, see `servo.stages.dropout_hold`
     read_ns: int = 0  # when encoder words were last taken from an image
     adopt: int = ADOPT_BOARD  # what to take over from the next good image

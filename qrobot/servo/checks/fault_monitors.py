@@ -235,13 +235,17 @@ def planned_torques(params: ServoParameters, state: ServoState) -> None:
 
 @lean_kernel
 def unplanned_bend(params: ServoParameters, state: ServoState, j: int) -> float:
-    """Acceleration that no program plans: of a stop, and what a jump of the reference's velocity asks for.
+    """Acceleration that no program plans: of a stop, and what a step or jump of the reference asks for.
 
     The threshold of unexplained torque lies above what a wrong model and an unknown load make of the transitions of
-    programs. A stop brakes harder, and where the velocity jumps at setpoints the torque follows with Kv.
+    programs. A stop brakes harder. In a cycle that comes late the reference has gone on without its joint, which the
+    torque makes up for with Kp; where the velocity jumps at setpoints the torque follows with Kv.
     """
     limits, planned = params.watch, state.a_ref[j]
-    jolt = abs(planned) if state.mode == STOPPING else 0.0
+    step = abs(state.v_ref[j]) * max(0.0, state.dt - params.period_ns * 1e-9)
+    jolt = float(min(limits.jolt_per_step[j] * step, limits.jolt_max[j]))
+    if state.mode == STOPPING:
+        jolt = max(jolt, abs(planned))
     if limits.jumps == 0:
         return jolt
     jump = abs(state.v_ref[j] - state.watch.v_ref_before[j] - state.dt * planned)

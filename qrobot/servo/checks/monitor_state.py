@@ -46,6 +46,7 @@ class WatchParams(NamedTuple):
     heaviest: DynamicsParams  # of the heaviest load alone, without weight
     jumps: int  # 1: the velocity of the reference jumps at setpoints
     jolt_per_jump: Any  # Kv / M0, 1/s: acceleration a jump asks for
+    jolt_per_step: Any  # Kp / M0, 1/s2: acceleration a step of the reference asks for
     jolt_max: Any  # tau_max / M0, rad/s2 (m/s2)
     saturation_s: float
     misses_in_a_row: int  # 0: never too many
@@ -135,6 +136,7 @@ def watch_params(robot: Robot, settings: ServoSettings) -> WatchParams:
         heaviest=heaviest_load(robot),
         jumps=int(find_form(settings.interpolation).continuity == 0),
         jolt_per_jump=robot.control.kv / robot.control.inertia,
+        jolt_per_step=robot.control.kp / robot.control.inertia,
         jolt_max=guard.tau_max / robot.control.inertia,
         saturation_s=guard.saturation_s,
         misses_in_a_row=settings.overrun.misses_in_a_row,

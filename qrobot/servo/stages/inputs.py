@@ -55,6 +55,7 @@ LOADING: Final = int(Stage.LOADING)
 NONE: Final = int(FaultCode.NONE)
 ENC_JUMP: Final = int(FaultCode.ENC_JUMP)
 GLITCHES_TO_FAULT: Final = 3
+TOO_FAST_CYCLES: Final = 2  # in a row: one alone can be the noise of a velocity out of counts [A]
 COMPLIANT_REACH: Final = 5.0  # times the following error, for an arm that gives way: it may be pushed so far [A]
 
 
@@ -188,10 +189,7 @@ def watch_arm(params: ServoParameters, state: ServoState) -> None:
         state.discrete_word &= ~DISCRETE_INDEX
     if not gives_torque(mode):
         return
-    code, joint = check_velocity(state.v, params.v_max, params.velocity_factor)
-    factor = VELOCITY_CATEGORY_0 if code == RUNAWAY else params.velocity_factor
-    if code != NONE:
-        report_fault(state, code, joint, abs(state.v[joint]), factor * params.v_max[joint])
+    _watch_speed(params, state)
     if state.mode not in (UNCALIBRATED, CALIBRATING):
         narrow_range(params, state)
         code, joint = check_range(state.q, state.range_min, state.range_max, params.range_margin)
@@ -199,6 +197,15 @@ def watch_arm(params: ServoParameters, state: ServoState) -> None:
             end = state.range_min[joint] if state.q[joint] < state.range_min[joint] else state.range_max[joint]
             report_fault(state, code, joint, state.q[joint], end)
         watch_indexes(params, state)
+
+
+@lean_kernel
+def _watch_speed(params: ServoParameters, state: ServoState) -> None:
+    code, joint = check_velocity(state.v, params.v_max, params.velocity_factor)
+    state.too_fast = state.too_fast + 1 if code != NONE else 0
+    if code == RUNAWAY or state.too_fast >= TOO_FAST_CYCLES:
+        factor = VELOCITY_CATEGORY_0 if code == RUNAWAY else params.velocity_factor
+        report_fault(state, code, joint, abs(state.v[joint]), factor * params.v_max[joint])
 
 
 @lean_kernel
