@@ -4,7 +4,7 @@ Every fault is injected at 0.02 to 1.5 rad/s, at rest and in motion, with and wi
 frames of the stream come evenly, late, with gaps, or to a servo that is kept from running now and then. Without a fault
 nothing may stop the arm; with one no joint may go further from its path than the bound while it has torque.
 
-    python -m tests.fault_matrix                 everything, some minutes
+    python -m tests.fault_matrix                 everything, some ten minutes
     python -m tests.fault_matrix --quick         a slice of it
     python -m tests.fault_matrix --json FILE     every single result
     python -m tests.fault_matrix --show          every single result that is out of its bounds

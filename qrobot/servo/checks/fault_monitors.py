@@ -62,6 +62,7 @@ OVERTAXED_SHARE: Final = 0.7  # of its following error that a joint with all its
 OVERTAXED_S: Final = 0.005  # with all its torque, as far behind [A]
 COMPLIANT_PUSH: Final = 0.7  # of tau_max [A], as where a robot file has no threshold of its own
 COMPLIANT_SPEED: Final = 8.0  # times the margin of a runaway: an arm that gives way may be pushed that fast [A]
+VERY_LATE_S: Final = 0.02  # a cycle: below it no push has been named wrongly in the campaign `held_up` [A]
 SETTLE_S: Final = 0.25  # seen without power: brakes close, the arm comes to rest
 NEVER_S: Final = -math.inf  # it has been told of, and is not looked for again before power is wanted anew
 
@@ -209,7 +210,9 @@ def inertial_torques(params: ServoParameters, state: ServoState) -> None:
     for j in range(state.q.size):
         jolt = unplanned_bend(params, state, j)
         watch.jolt[j] = lasting(watch.jolt[j], jolt, dt)
-        watch.bend[j] = lasting(watch.bend[j], max(abs(state.a_ref[j]), jolt), dt)
+        late = max(jolt, catching_up(params, state, j, params.period_ns * 1e-9))
+        watch.late[j] = lasting(watch.late[j], late, dt)
+        watch.bend[j] = lasting(watch.bend[j], max(abs(state.a_ref[j]), late), dt)
         total, jolts = total + roots[j] * watch.bend[j], jolts + roots[j] * watch.jolt[j]
         watch.swept += dt * abs(state.v_ref[j])
         watch.v_ref_before[j] = state.v_ref[j]
@@ -238,18 +241,24 @@ def unplanned_bend(params: ServoParameters, state: ServoState, j: int) -> float:
     """Acceleration that no program plans: of a stop, and what a step or jump of the reference asks for.
 
     The threshold of unexplained torque lies above what a wrong model and an unknown load make of the transitions of
-    programs. A stop brakes harder. In a cycle that comes late the reference has gone on without its joint, which the
-    torque makes up for with Kp; where the velocity jumps at setpoints the torque follows with Kv.
+    programs. A stop brakes harder. In a cycle that comes very late the reference has gone on without its joint, which
+    the torque makes up for with Kp; where the velocity jumps at setpoints the torque follows with Kv.
     """
     limits, planned = params.watch, state.a_ref[j]
-    step = abs(state.v_ref[j]) * max(0.0, state.dt - params.period_ns * 1e-9)
-    jolt = float(min(limits.jolt_per_step[j] * step, limits.jolt_max[j]))
+    jolt = catching_up(params, state, j, VERY_LATE_S)
     if state.mode == STOPPING:
         jolt = max(jolt, abs(planned))
     if limits.jumps == 0:
         return jolt
     jump = abs(state.v_ref[j] - state.watch.v_ref_before[j] - state.dt * planned)
     return float(max(jolt, min(limits.jolt_per_jump[j] * jump, limits.jolt_max[j])))
+
+
+@lean_kernel
+def catching_up(params: ServoParameters, state: ServoState, j: int, usual_s: float) -> float:
+    """Acceleration by which the law makes up for a cycle that took longer than `usual_s`."""
+    limits, step = params.watch, abs(state.v_ref[j]) * max(0.0, state.dt - usual_s)
+    return float(min(limits.jolt_per_step[j] * step, limits.jolt_max[j]))
 
 
 @lean_kernel
@@ -279,7 +288,7 @@ def _watch_encoder(params: ServoParameters, state: ServoState, j: int) -> None:
     least, greatest = torque_bounds(
         watch.slid[j], watch.travel[j], watch.going[j] != 0,
         limits.holds_up[j], limits.holds_down[j], limits.rise_up[j] + shifted, limits.rise_down[j] + shifted,
-        watch.inertial[j] + watch.planned[j] + WRONG_INERTIA * params.inertia[j] * watch.jolt[j],
+        watch.inertial[j] + watch.planned[j] + WRONG_INERTIA * params.inertia[j] * watch.late[j],
         SCALE_SHARE * abs(watch.load[j]),
     )  # fmt: skip
     watch.missing_v[j], watch.missing[j] = predict_travel(

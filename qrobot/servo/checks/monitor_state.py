@@ -81,6 +81,7 @@ class WatchState:
     swept_then: Any  # way of all references when it last counted
     bend: Any  # size of the reference's acceleration, of late
     jolt: Any  # of `bend`, what no program plans: a stop's, and jumps of the reference's velocity
+    late: Any  # the same with what makes up for every cycle that is late, however little
     v_ref_before: Any  # of the cycle before
     inertial: Any  # what other joints' acceleration may put on it, of late, N m (N)
     carried: Any  # torque for the heaviest load to follow the reference, N m (N)
@@ -168,7 +169,7 @@ def make_watch_state(n: int) -> WatchState:
         over_s=vector(), step=integers(n), along=integers(n),
         counts=integers(n), counts_on=integers(n), still_s=vector(), v_moving=vector(),
         travel=integers(n), going=integers(n), slid=vector(), missing_v=vector(), missing=vector(), q_ref_then=vector(),
-        swept_then=vector(), bend=vector(), jolt=vector(), v_ref_before=vector(), inertial=vector(),
+        swept_then=vector(), bend=vector(), jolt=vector(), late=vector(), v_ref_before=vector(), inertial=vector(),
         carried=vector(), planned=vector(), allowed=vector(), driven=integers(n),
         gave_way=vector(), clipped_s=vector(), q_parked=vector(), incident=integers(INCIDENT_WORDS),
     )  # fmt: skip
