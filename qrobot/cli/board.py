@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import App, Parameter
 
-from qrobot.cli.arms import DEFAULT_DEPLOYMENT, choose_arm, robot_of_arm
+from qrobot.cli.arms import DEFAULT_DEPLOYMENT, choose_arm, choose_arms, robot_of_arm
 from qrobot.cli.board_check import check
 from qrobot.cli.board_replay import replay
 from qrobot.cli.board_show import force, show
@@ -95,7 +95,7 @@ def board(
     emulator = emulator_of_arm(chosen, robot, plant=plant, calibrated=calibrated, scene=scene, faults=plan)
 
     @contextmanager
-    def beside(memory: BoardMemory) -> Iterator[None]:
+    def served(memory: BoardMemory) -> Iterator[None]:
         with modules_beside(chosen.board, memory, note), servers(serve, MemoryEndpoint(memory), note):
             yield
 
@@ -103,8 +103,9 @@ def board(
         chosen.name,
         emulator,
         lambda: note(f"board of {chosen.name} ({robot.name}) runs"),
-        beside,
+        served,
         chosen.board.slips,
+        [arm.name for arm in choose_arms(deployment, None) if arm.board.slips and arm.name != chosen.name],
         lambda line: note(f"{chosen.name}: {line}"),
     )
 

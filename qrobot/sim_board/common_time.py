@@ -1,4 +1,4 @@
-"""One time of emulated arms beside each other: what their boards let pass unlived is the same, and they stay in step.
+"""One time of the emulated arms of a deployment file: their boards let the same time pass unlived, and stay in step.
 
 Each board's process takes for itself what it was kept from running for (`hwif.arm_clock`). Two arms would so be apart,
 by seconds when a busy machine starts them, and tear what they hold. So the board that has let pass less stands still
@@ -8,14 +8,13 @@ for most of the time, until it has let pass as much.
 from __future__ import annotations
 
 import contextlib
+from collections.abc import Sequence
 from typing import Final
 
 from qrobot.errors import ConfigError, LinkError
 from qrobot.hwif.board_memory import attach_board_memory
 from qrobot.realtime.jit import lean_kernel
-from qrobot.realtime.runtime_folder import runtime_path
 
-ENDING: Final = "-board"
 HELD_PERCENT: Final = 75  # [A] of each period: the arm goes on slowly, and who waits for it is not left without word
 
 
@@ -25,17 +24,12 @@ def held_ns(slipped_ns: int, beside_ns: int, period_ns: int) -> int:
     return max(0, min(beside_ns - slipped_ns, period_ns * HELD_PERCENT // 100))
 
 
-def slipped_beside_ns(arm: str, now_ns: int) -> int:
-    """The most that a living board of another arm in the runtime folder has let pass; 0 where there is none.
+def slipped_beside_ns(arms: Sequence[str], now_ns: int) -> int:
+    """The most that the living boards of these arms have let pass; 0 where there is none.
 
     What is more than all the time until `now_ns` is damaged, and passed over.
     """
-    return max((ns for ns in map(_slipped_ns, _others(arm)) if ns < now_ns), default=0)
-
-
-def _others(arm: str) -> list[str]:
-    found = (path.name.removesuffix(ENDING) for path in runtime_path().glob(f"*{ENDING}"))
-    return [name for name in found if name != arm]
+    return max((ns for ns in map(_slipped_ns, arms) if ns < now_ns), default=0)
 
 
 def _slipped_ns(arm: str) -> int:

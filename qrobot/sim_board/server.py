@@ -14,7 +14,7 @@ from __future__ import annotations
 import itertools
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from types import TracebackType
 from typing import Final
@@ -92,18 +92,18 @@ class EmulatedBoardServer:
     """An emulated board that runs in a thread of its own behind `<arm>`'s board memory, as a context manager.
 
     With `slips` time in which this process was kept from running, and nobody wrote to the board, does not count, and
-    no more of it counts than for the boards beside it, as `look_beside` finds them.
+    no more of it counts than for the boards of the arms `beside`, as `look_beside` finds them.
 
     Raises:
         LinkBusy: a board already serves that arm.
     """
 
-    def __init__(self, arm: str, emulator: Emulator, slips: bool = False) -> None:
+    def __init__(self, arm: str, emulator: Emulator, slips: bool = False, beside: Sequence[str] = ()) -> None:
         self.emulator = emulator
         self._slips = int(slips)
         warm_up(emulator)
         self.segment = create_board_memory(arm)
-        self._arm, self._orders = arm, np.zeros(N_ORDERS, np.int64)
+        self._beside, self._orders = beside, np.zeros(N_ORDERS, np.int64)
         self._thread = threading.Thread(target=self._run, name=f"{arm}-board", daemon=True)
 
     def _run(self) -> None:
@@ -118,7 +118,7 @@ class EmulatedBoardServer:
 
     def look_beside(self) -> None:
         """Follow the board that has let pass most; call it now and then."""
-        self._orders[BESIDE] = slipped_beside_ns(self._arm, time.monotonic_ns())
+        self._orders[BESIDE] = slipped_beside_ns(self._beside, time.monotonic_ns())
 
     def __enter__(self) -> EmulatedBoardServer:
         self.look_beside()
@@ -145,8 +145,9 @@ def serve(
     arm: str,
     emulator: Emulator,
     ready: Callable[[], None] = lambda: None,
-    beside: Callable[[BoardMemory], AbstractContextManager[object]] = nullcontext,
+    server_of: Callable[[BoardMemory], AbstractContextManager[object]] = nullcontext,
     slips: bool = False,
+    beside: Sequence[str] = (),
     report: Callable[[str], None] = lambda _line: None,
 ) -> None:
     """Serve a board until SIGTERM or SIGINT, then remove its memory. Call from the main thread of a process.
@@ -155,8 +156,9 @@ def serve(
         arm: instance name.
         emulator: the board.
         ready: called once the first image is there.
-        beside: what else serves the board memory meanwhile.
+        server_of: what else serves the board memory meanwhile.
         slips: time in which this process was kept from running, and nobody wrote to the board, does not count.
+        beside: emulated arms with which it keeps one time then.
         report: takes a line when time has slipped.
 
     Raises:
@@ -164,7 +166,11 @@ def serve(
     """
     warm_up(emulator)  # before its turn, not with it
     await_turn()
-    with set_on_signals() as done, EmulatedBoardServer(arm, emulator, slips) as server, beside(server.segment.memory):
+    with (
+        set_on_signals() as done,
+        EmulatedBoardServer(arm, emulator, slips, beside) as server,
+        server_of(server.segment.memory),
+    ):
         told_ns = server.slipped_ns
         ready()
         for look in itertools.count(1):

@@ -87,7 +87,7 @@ def test_physics_follows_the_wall_clock_and_stamps_images_with_it(arm: str) -> N
 def test_a_board_takes_the_time_of_one_that_has_let_pass_more_and_never_turns_its_own_back(arm: str) -> None:
     with create_board_memory(f"{arm}b") as beside:
         beside.memory.facts.slipped_ns = 200_000_000
-        with EmulatedBoardServer(arm, Emulator(load_robot("puma560")), slips=True) as server:
+        with EmulatedBoardServer(arm, Emulator(load_robot("puma560")), True, [f"{arm}b"]) as server:
             assert server.slipped_ns >= 200_000_000  # from its start
             beside.memory.facts.slipped_ns = server.slipped_ns + 100_000_000
             server.look_beside()
@@ -101,7 +101,7 @@ def test_a_board_takes_the_time_of_one_that_has_let_pass_more_and_never_turns_it
 def test_a_board_that_lets_nothing_pass_follows_nobody(arm: str) -> None:
     with create_board_memory(f"{arm}b") as beside:
         beside.memory.facts.slipped_ns = 200_000_000
-        with EmulatedBoardServer(arm, Emulator(load_robot("puma560"))) as server:
+        with EmulatedBoardServer(arm, Emulator(load_robot("puma560")), False, [f"{arm}b"]) as server:
             wait_until(lambda: image_of(server.segment.memory)[IMAGE_COUNT] > 2, "it runs")
             assert server.slipped_ns == 0
 

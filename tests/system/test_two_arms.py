@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import os
 import re
+import signal
 import subprocess
+import time
 from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
@@ -23,7 +26,7 @@ from qrobot.rccl.program import ending
 from qrobot.rccl_bridge.mailbox_port import STALLED_NS
 from qrobot.rci import LinkFactory, TcpLink
 from qrobot.servo.memory.telemetry import Rows
-from qrobot.units import NS_PER_MS
+from qrobot.units import NS_PER_MS, NS_PER_S
 from tests.support.c_programs import EXAMPLES, compiled_text, needs_compiler
 from tests.support.carried_object import (
     PERIOD_S,
@@ -38,7 +41,7 @@ from tests.support.carried_object import (
     torn,
 )
 from tests.support.patience import PATIENCE_S, STALL_MS, wait_until
-from tests.support.processes import GUARDIAN_MS, RunningArm, qrobot, running_arms
+from tests.support.processes import GUARDIAN_MS, RunningArm, processes_of, qrobot, running_arms
 from tests.support.shared_arm import settle
 from tests.support.two_hands import GRIP, HERE, TOOL, WORLD, approach, hand_of, off
 
@@ -49,6 +52,7 @@ APART_M = 1e-3  # at 100 mm/s: 10 ms
 FRAME_STOPS_M = 5e-3  # way of an object's frame from 100 mm/s to rest, with the 5 m/s^2 of a frame and without a jerk
 TRACKING_M = 2e-3  # [A] of both arms together
 CREEP_COUNTS = 10  # of a wrist that only friction holds; the left arm goes some thousands meanwhile
+KEPT_S = 0.3
 BACK_AND_FORTH = """
 import sys
 from qrobot import rccl
@@ -260,6 +264,20 @@ def test_when_the_program_is_killed_both_arms_stop_and_their_object_is_not_torn(
         assert not own["fault"].any()
     assert abs(last_frame(rows["left"]) - last_frame(rows["right"])) <= 1 + apart_s / PERIOD_S
     assert torn(rows) < (2.0 * PERIOD_S + apart_s) * SPEED_M_S + TRACKING_M
+
+
+def test_when_one_arm_alone_is_kept_from_running_the_other_waits_for_it(arms: list[RunningArm]) -> None:
+    left, right = arms
+    before, kept = slipped_ns(right), list(processes_of(left.name))
+    try:
+        for pid in kept:
+            os.kill(pid, signal.SIGSTOP)
+        time.sleep(KEPT_S)
+    finally:
+        for pid in kept:
+            os.kill(pid, signal.SIGCONT)
+    wait_until(lambda: slipped_ns(right) - before > 0.5 * KEPT_S * NS_PER_S, "the other has waited")
+    wait_until(lambda: abs(slipped_ns(left) - slipped_ns(right)) < NS_PER_MS, "both arms are in step")
 
 
 def slipped_ns(arm: RunningArm) -> int:
