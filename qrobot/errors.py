@@ -170,6 +170,6 @@ class Stalled(QRobotError):
     """A run on the wall clock was stopped by a process that came too late, and not by the arm."""
 
 
-def reason_of(error: Exception) -> str:
+def error_text(error: Exception) -> str:
     """Text of an error; of an OSError without its number, and the name of the file, which the caller tells."""
     return str(getattr(error, "strerror", None) or error)

@@ -17,7 +17,7 @@ from typing import Annotated, Any, Final
 
 from cyclopts import Parameter
 
-from qrobot.errors import ConfigError, LogError
+from qrobot.errors import ConfigError, LogError, error_text
 from qrobot.servo.calibration.state import FEWEST_INDEXES, MOST_INDEXES
 from qrobot.servo.settings import HIGHEST_RATE_HZ, LOWEST_RATE_HZ
 from qrobot.wire.vocabulary import LARGEST_OVERRIDE
@@ -103,7 +103,7 @@ def _tell(path: Path, attempt: Callable[[Path], None]) -> None:
     try:
         attempt(path)
     except OSError as error:
-        raise ValueError(f"cannot write {path}: {error.strerror or error}") from None
+        raise ValueError(f"cannot write {path}: {error_text(error)}") from None
 
 
 def _try_file(path: Path) -> None:

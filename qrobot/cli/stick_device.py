@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, Final
 
-from qrobot.errors import ConfigError, LinkError
+from qrobot.errors import ConfigError, LinkError, error_text
 from qrobot.rccl.held_stick import StickAxis, StickCode, StickEvent, StickLayout
 
 EV_KEY, EV_REL, EV_ABS = 1, 2, 3  # of <linux/input-event-codes.h>, as the codes below
@@ -48,7 +48,7 @@ class StickDevice:
         except BlockingIOError:
             return ()
         except OSError as error:
-            raise LinkError(f"{self.layout.name} is gone: {error.strerror or error}") from None
+            raise LinkError(f"{self.layout.name} is gone: {error_text(error)}") from None
 
 
 def open_stick(path: Path) -> StickDevice:
@@ -65,7 +65,7 @@ def open_stick(path: Path) -> StickDevice:
         device.grab()
     except OSError as error:
         hint = "; may this user read it (group input)?" if isinstance(error, PermissionError) else ""
-        raise ConfigError(f"cannot open {path}: {error.strerror or error}{hint}") from None
+        raise ConfigError(f"cannot open {path}: {error_text(error)}{hint}") from None
     return found
 
 

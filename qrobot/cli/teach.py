@@ -9,7 +9,7 @@ from pathlib import Path
 from qrobot.cli.arms import DEFAULT_DEPLOYMENT, choose_arm, inside_fences, robot_of_arm
 from qrobot.cli.console import out
 from qrobot.cli.option_types import OutputFile
-from qrobot.errors import ConfigError, reason_of
+from qrobot.errors import ConfigError, error_text
 
 PROMPT = "? "
 
@@ -79,4 +79,4 @@ def _script(path: Path) -> list[str]:
     try:
         return path.read_text().splitlines()
     except (OSError, UnicodeDecodeError) as error:
-        raise ConfigError(f"cannot read {path}: {reason_of(error)}") from error
+        raise ConfigError(f"cannot read {path}: {error_text(error)}") from error

@@ -11,7 +11,15 @@ from typing import Final
 import numpy as np
 
 from qrobot.arrays import Words
-from qrobot.errors import LinkError, LinkLost, LinkTimeout, LocalProtocolError, LogError, RemoteProtocolError, reason_of
+from qrobot.errors import (
+    LinkError,
+    LinkLost,
+    LinkTimeout,
+    LocalProtocolError,
+    LogError,
+    RemoteProtocolError,
+    error_text,
+)
 from qrobot.hwif.bus import BoardFacts, Bus, Operations, for_the_transport
 from qrobot.hwif.image import IMAGE_COUNT, IMAGE_INPUTS, IMAGE_T_NS, make_image
 from qrobot.hwif.operations import OP_ANALOG, OP_FIELDS, OP_OUTPUTS, OP_READ, OP_REFERENCE, OP_WRITE
@@ -107,7 +115,7 @@ def load_recording(path: Path) -> BusRecording:
     try:
         text = path.read_text(encoding="ascii")
     except (OSError, UnicodeDecodeError) as error:
-        raise LogError(f"cannot read {path}: {reason_of(error)}") from None
+        raise LogError(f"cannot read {path}: {error_text(error)}") from None
     *lines, rest = text.split("\n")
     if not lines or lines[0] != MAGIC:
         raise LogError(f"{path} is no recording of registers, or of another version: it does not begin with {MAGIC!r}")

@@ -23,7 +23,7 @@ from qrobot.arrays import Floats
 from qrobot.config import Robot, load_robot
 from qrobot.config.document import parse_document
 from qrobot.config.robot import robot_of
-from qrobot.errors import ConfigError, LogError
+from qrobot.errors import ConfigError, LogError, error_text
 from qrobot.log.arm_drawing import SolidArm, put_faces, set_up_space, solid_faces
 from qrobot.log.fence_drawing import draw_fences, near_points
 from qrobot.log.fences_of_log import fences_of_log
@@ -139,7 +139,7 @@ def write_film(
                     writer.grab_frame()
                     progress(number + 1, len(rows))
         except OSError as error:
-            raise LogError(f"cannot write {path}: {error.strerror or error}") from None
+            raise LogError(f"cannot write {path}: {error_text(error)}") from None
 
 
 def check_film_file(path: Path) -> None:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-from qrobot.errors import LogError
+from qrobot.errors import LogError, error_text
 
 
 class BufferedFile:
@@ -81,4 +81,4 @@ class BufferedFile:
 
     def _refused(self, error: OSError) -> None:
         self.errors += 1
-        self.last_error = error.strerror or str(error)
+        self.last_error = error_text(error)

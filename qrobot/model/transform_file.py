@@ -21,7 +21,7 @@ from typing import Final
 import numpy as np
 
 from qrobot.arrays import Floats
-from qrobot.errors import ConfigError, reason_of
+from qrobot.errors import ConfigError, error_text
 from qrobot.model.orientation import rpy_angles
 from qrobot.model.transform import rpy, transform
 from qrobot.units import DEG_PER_RAD, M_PER_MM, MM_PER_M, RAD_PER_DEG
@@ -86,7 +86,7 @@ class TransformFile:
         try:
             return self._path.read_text().splitlines() if self._path.exists() else []
         except (OSError, UnicodeDecodeError) as error:
-            raise ConfigError(f"cannot read {self._path}: {reason_of(error)}") from error
+            raise ConfigError(f"cannot read {self._path}: {error_text(error)}") from error
 
     def _value(self, index: int, line: str) -> Floats:
         words = line.partition("#")[0].split()[1:]

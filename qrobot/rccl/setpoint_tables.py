@@ -14,7 +14,7 @@ import numpy as np
 
 from qrobot.arrays import Floats
 from qrobot.config.robot import Robot
-from qrobot.errors import ConfigError, reason_of
+from qrobot.errors import ConfigError, error_text
 from qrobot.rccl.setpoints import (
     ENCODING,
     FIRST_LINE,
@@ -44,7 +44,7 @@ def read_setpoint_table(path: Path, robot: Robot) -> Setpoints:
     try:
         lines = path.read_text(encoding=ENCODING).split("\n")
     except (OSError, UnicodeDecodeError) as error:
-        raise ConfigError(f"cannot read {path}: {reason_of(error)}") from error
+        raise ConfigError(f"cannot read {path}: {error_text(error)}") from error
     return read_setpoints(path) if lines[0].startswith(FIRST_LINE[0]) else _read_csv(path, lines, robot)
 
 
@@ -71,7 +71,7 @@ def _read_parquet(path: Path, robot: Robot) -> Setpoints:
             table = parquet.read()
         names = table.column_names
     except (OSError, pa.ArrowException, UnicodeDecodeError) as error:
-        raise ConfigError(f"cannot read {path}: {reason_of(error)}") from error
+        raise ConfigError(f"cannot read {path}: {error_text(error)}") from error
     columns = dict(_parquet_columns(path, pa, table, _chosen(path, names, robot)))
     told = table.schema.metadata or {}
     period = told.get(_PERIOD, b"").decode(errors="replace")

@@ -21,7 +21,7 @@ from typing import Final
 import numpy as np
 
 from qrobot.arrays import Floats
-from qrobot.errors import ConfigError, MotionError, reason_of
+from qrobot.errors import ConfigError, MotionError, error_text
 from qrobot.fences.fence_set import FenceSet
 from qrobot.motion.world.limits import MotionLimits
 from qrobot.whole_file import replace_file
@@ -137,7 +137,7 @@ def read_setpoints(path: Path) -> Setpoints:
     try:
         lines = path.read_text(encoding=ENCODING).splitlines()
     except (OSError, UnicodeDecodeError) as error:
-        raise ConfigError(f"cannot read {path}: {reason_of(error)}") from error
+        raise ConfigError(f"cannot read {path}: {error_text(error)}") from error
     if not lines or lines[0].strip() != FIRST_LINE:
         raise ConfigError(f"{path}, line 1: not a setpoint file; it should begin with {FIRST_LINE!r}")
     robot, period_text = _head(path, lines, 1, "robot"), _head(path, lines, 2, "period_us")

@@ -10,7 +10,7 @@ import socket
 from collections.abc import Callable
 from typing import Final
 
-from qrobot.errors import LinkBusy, LinkError
+from qrobot.errors import LinkBusy, LinkError, error_text
 from qrobot.rccl_bridge.session import Peer
 
 BURST: Final = 4  # connections accepted in a row: with what each costs, well below the shortest sample period [A]
@@ -108,4 +108,4 @@ class Listener:
 def _explain(error: OSError, where: str) -> LinkError:
     if error.errno == errno.EADDRINUSE:
         return LinkBusy(f"{where} is in use: does another bridge run? Choose another port")
-    return LinkError(f"cannot listen on {where}: {error.strerror or error}")
+    return LinkError(f"cannot listen on {where}: {error_text(error)}")

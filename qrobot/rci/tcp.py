@@ -10,7 +10,7 @@ from contextlib import suppress
 from dataclasses import replace
 from typing import Final, TypeVar
 
-from qrobot.errors import ConfigError, LinkLost, LinkTimeout
+from qrobot.errors import ConfigError, LinkLost, LinkTimeout, error_text
 from qrobot.rci.client import Beside, Client
 from qrobot.rci.link import NEW_PERIOD
 from qrobot.realtime.bridge_token import token_for
@@ -68,7 +68,7 @@ def connect(address: SocketAddress) -> socket.socket:
     except TimeoutError as error:
         raise LinkTimeout(f"the bridge at {where} does not answer") from error
     except OSError as error:
-        raise LinkLost(f"no bridge at {where}: {error.strerror or error}; start one with `qrobot up`") from error
+        raise LinkLost(f"no bridge at {where}: {error_text(error)}; start one with `qrobot up`") from error
     sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
     return sock
 
@@ -209,7 +209,7 @@ class TcpLink:
             raise self._lost(error) from error
 
     def _lost(self, error: OSError) -> LinkLost:
-        return LinkLost(f"lost {self._client.peer}: {error.strerror or error}")
+        return LinkLost(f"lost {self._client.peer}: {error_text(error)}")
 
     @property
     def _open_socket(self) -> socket.socket:

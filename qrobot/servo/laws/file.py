@@ -11,7 +11,7 @@ from pathlib import Path
 from types import ModuleType
 
 from qrobot.config import Robot
-from qrobot.errors import ConfigError
+from qrobot.errors import ConfigError, error_text
 from qrobot.realtime.source_digest import forget_stamps
 from qrobot.servo.laws.casadi_law import CasadiLaw
 from qrobot.servo.laws.law import Law
@@ -58,7 +58,7 @@ def _module(file: Path) -> ModuleType:
     try:
         text = file.read_bytes()
     except OSError as error:
-        raise ConfigError(f"no law file {file}: {error.strerror or error}") from error
+        raise ConfigError(f"no law file {file}: {error_text(error)}") from error
     digest = hashlib.sha256(file.resolve().as_posix().encode() + text).hexdigest()[:16]
     name = f"qrobot_user_laws.{file.stem}_{digest}"
     if name in sys.modules:

@@ -20,7 +20,7 @@ from collections.abc import Callable
 from types import TracebackType
 from typing import Final
 
-from qrobot.errors import LinkBusy, LinkError
+from qrobot.errors import LinkBusy, LinkError, error_text
 from qrobot.realtime.runtime_folder import RuntimeFolder, look_into_folder, serve_in_folder, tidy_folder
 from qrobot.realtime.shared_memory import checked_name
 from qrobot.servo.operator.messages import MAX_LINE_BYTES
@@ -214,7 +214,7 @@ def _bind(listener: socket.socket, folder: RuntimeFolder, arm: str) -> None:
         listener.bind(folder.address_of(name))
         os.chmod(name, 0o600, dir_fd=folder.fd)
     except OSError as error:
-        raise LinkError(f"no control socket for {arm} in {folder.path}: {error.strerror or error}") from None
+        raise LinkError(f"no control socket for {arm} in {folder.path}: {error_text(error)}") from None
 
 
 def _is_answered(address: str) -> bool:
