@@ -7,6 +7,7 @@ While the program's thread for them is awake it is called without a message (`qr
 
 from __future__ import annotations
 
+import os
 import select
 import socket
 import struct
@@ -22,11 +23,14 @@ from qrobot.c_transport.callback_slot import DONE, SLOT_WORDS, UNSEEN, CallbackS
 from qrobot.c_transport.memory import ProgramMemory
 from qrobot.c_transport.message import BRIEF, SIZE, VERSION, CallMessage, Op, decode, encode_call
 from qrobot.c_transport.program_link import CallDispatcher, MakeDispatcher, ProgramLink
+from qrobot.c_transport.usable_time import UsableTime
 from qrobot.errors import ConfigError, LinkLost, LinkTimeout, QRobotError
 
 GLOBALS: Final = 13  # places of RCCL that the greeting names before that of the cell
 LANGUAGE: Final = 14  # where it says which library the program calls: an index into what `serve` is given
-CALLBACK_S: Final = 2.0  # a function of the program that takes longer will never come back
+PROCESS: Final = 16  # where it gives the number of the program's process
+CALLBACK_S: Final = 2.0  # a function of the program that takes more of its time will never come back
+_LOOK_S: Final = 0.1  # between two looks whether it has had so much
 _LOOKS: Final = 40  # some 50 us
 
 
@@ -98,10 +102,11 @@ class Background:
     """
 
     def __init__(self, channel: socket.socket) -> None:
-        channel.setsockopt(socket.SOL_SOCKET, socket.SO_RCVTIMEO, _timeval(CALLBACK_S))  # settimeout would poll first
+        channel.setsockopt(socket.SOL_SOCKET, socket.SO_RCVTIMEO, _timeval(_LOOK_S))  # settimeout would poll first
         self._channel = channel
         self._calling = threading.RLock()  # a function may move the arm, which asks for another function
         self.dispatcher: CallDispatcher | None = None
+        self.time = UsableTime(os.getpid())
         self.slot = CallbackSlot(np.zeros(SLOT_WORDS, np.int64))
 
     def call(self, op: Op, place: int) -> None:
@@ -126,11 +131,15 @@ class Background:
             self.call(Op.SIGNAL, place)
 
     def _receive(self) -> bytes:
-        try:
-            return self._receive_soon() or _receive(self._channel)
-        except BlockingIOError:
-            what = f"has not come back within {CALLBACK_S:g} s"
-            raise LinkTimeout(f"a function of the program, called at a sample, {what}") from None
+        if data := self._receive_soon():
+            return data
+        self.time.begin()
+        had_s = 0.0
+        while had_s < CALLBACK_S:
+            with suppress(BlockingIOError):
+                return _receive(self._channel)
+            had_s += self.time.usable_s(_LOOK_S)
+        raise LinkTimeout(f"a function of the program, called at a sample, has not come back within {CALLBACK_S:g} s")
 
     def _receive_soon(self) -> bytes:
         """A message that comes while we stay awake for it, which is cheaper than to be woken up; else nothing."""
@@ -190,6 +199,7 @@ def _converse(front: Foreground, back: Background, languages: Sequence[MakeDispa
         raise
     sys.argv[0] = hello.text  # how links greet
     link = ProgramLink(back.call, back.signal, front.ask, front.say, front.listen)
+    back.time = UsableTime(hello.refs[PROCESS])
     back.slot = CallbackSlot(memory.words(hello.refs[GLOBALS], SLOT_WORDS))
     back.dispatcher = dispatcher = make(memory, hello.refs, link)
     front.send(CallMessage(Op.REPLY))

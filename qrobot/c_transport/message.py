@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from enum import IntEnum
 from typing import Final
 
-VERSION: Final = 5
+VERSION: Final = 6
 REFS: Final = 24
 NUMBERS: Final = 64
 TEXT: Final = 256

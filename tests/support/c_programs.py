@@ -23,7 +23,10 @@ from qrobot.rccl.trace import Trace
 EXAMPLES = Path(__file__).parents[2] / "examples"
 CHECKED = ("-O0", "-g", "-fsanitize=address,undefined", "-fno-sanitize-recover")  # a leak or a stray access: status 1
 FOUND = 99  # exit status of a program in which valgrind has found something
-VALGRIND = f"valgrind --quiet --leak-check=full --errors-for-leak-kinds=definite,possible --error-exitcode={FOUND}"
+VALGRIND = (
+    "valgrind --quiet --fair-sched=try --leak-check=full --errors-for-leak-kinds=definite,possible"
+    f" --error-exitcode={FOUND}"
+)
 EDITS = (
     (r'#include "rccl.h"\n', '#include "rccl.h"\n\nMANIP *arm;\n'),
     (r"\bmain\(\)\n{([^=(]*;\n)?", r'main()\n{\1\n    arm = rccl_open("puma560");\n    rccl_control(arm);'),

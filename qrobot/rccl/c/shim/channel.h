@@ -10,7 +10,7 @@
 #include <stdint.h>
 #include <stdio.h>
 
-#define SHIM_VERSION 5
+#define SHIM_VERSION 6
 #define SHIM_REFS 24
 #define SHIM_NUMBERS 64
 #define SHIM_TEXT 256

@@ -203,5 +203,6 @@ void shim_globals(int64_t *refs)
     refs[count++] = offsetof(POS, end);
     refs[count++] = shim_ref(&shim_cell);
     refs[count++] = arcl_obey ? 1 : rccl_has_manipulators ? 2 : 0; /* the language: RCCL, ARCL, Multi-RCCL */
-    refs[count] = arcl_obey ? arcl_cell_place() : 0;
+    refs[count++] = arcl_obey ? arcl_cell_place() : 0;
+    refs[count] = getpid();
 }
