@@ -13,6 +13,7 @@ from qrobot.arcl.machine import RobotMachine
 from qrobot.errors import MotionError
 from qrobot.motion.kept import WayBackLimit
 from qrobot.rci.arguments import retract_m
+from qrobot.rci.standstill import PAUSED
 from qrobot.units import DEG_PER_RAD, M_PER_MM, MM_PER_M, RAD_PER_DEG
 
 WAY_BACK_MM: Final = WayBackLimit().way_m * MM_PER_M
@@ -91,6 +92,11 @@ class PathCalls(ABC):
     def off_path(self) -> bool:
         """The arm is off its path: it waits (`kept`), is led back to it, or goes back from what it met (`retract`)."""
         return self._kept.off_path
+
+    @property
+    def halted(self) -> str:
+        """Reason for which its motions stand still until somebody lets them go on; empty for none."""
+        return self.kept or (PAUSED if self._motions.paused and self._motions.busy else "")
 
     def pause(self) -> None:
         """Let motions come to a standstill on their path, or on the way back to it, and stay there until `resume`."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from copy import copy
 from typing import Any, Final
 
@@ -19,7 +20,7 @@ from qrobot.arcl.opened import listen_once
 from qrobot.arcl.options import MotionOptions
 from qrobot.arcl.path_calls import PathCalls
 from qrobot.arcl.positions import Pos, joints_of
-from qrobot.arcl.standstill import Standstill
+from qrobot.arcl.standstill import ArclStandstill
 from qrobot.arcl.stream import RecordKind
 from qrobot.arcl.switches import say, switches
 from qrobot.arcl.teaching import Teaching
@@ -196,7 +197,7 @@ class ArclRobot(PathCalls, LineCalls):
         """
         if predicate is not None and not callable(predicate):
             raise MotionError(f"arcl_wait: a function is needed, or nothing, not {predicate!r}")
-        standstill = Standstill(self)
+        standstill = ArclStandstill(self)
 
         def done() -> bool:
             listen_once()
@@ -255,8 +256,11 @@ class ArclRobot(PathCalls, LineCalls):
             if not self._given_up:
                 self.wait()
                 self.stop()
-        finally:
-            self.abandon(power_off)
+        except BaseException:
+            with suppress(QRobotError):  # the first error is the one to tell
+                self.abandon(power_off)
+            raise
+        self.abandon(power_off)
 
     def abandon(self, power_off: bool = False) -> None:
         """Stop, and let go of the arm; what waits is not done. Does nothing after `close`."""

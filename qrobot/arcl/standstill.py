@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 
 from qrobot.arcl.opened import open_robots
 from qrobot.errors import MotionError
+from qrobot.rci.standstill import HELD_S, Standstill, nobody_resumes
 from qrobot.units import S_PER_MS
 
 if TYPE_CHECKING:
     from qrobot.arcl.robot import ArclRobot
 
-HELD_S: Final = 120.0  # [A] of virtual time in which no arm moves: nobody waits for a clock for so long
 
-
-class Standstill:
+class ArclStandstill:
     """Watches one wait of a program.
 
     Args:
@@ -22,19 +21,19 @@ class Standstill:
     """
 
     def __init__(self, robot: ArclRobot) -> None:
-        self._robot = robot
-        self._since_ms = robot.ami.treal()
+        self._robot, self._stands = robot, Standstill()
 
     def check(self) -> None:
         """Look once more. Raises MotionError: nothing is left that could end this waiting."""
         if not self._robot.ami.virtual_time:
             return
         robots = [robot for robot in {*open_robots(), self._robot} if robot.ami.error is None]
-        if any(robot.moving for robot in robots):
-            self._since_ms = self._robot.ami.treal()
+        moving = any(robot.moving and not robot.halted for robot in robots)
+        if not self._stands.lasts(self._robot.ami.treal() * S_PER_MS, moving):
             return
-        if (self._robot.ami.treal() - self._since_ms) * S_PER_MS <= HELD_S:
-            return
+        for robot in robots:
+            if robot.halted:
+                raise nobody_resumes(robot.name, robot.halted)
         still = f"{self._robot.name}: no arm has moved for {HELD_S:g} s of virtual time"
         if not (held := sorted(robot.name for robot in robots if robot.held)):
             raise MotionError(f"{still}, and no motion is left that could end this waiting")

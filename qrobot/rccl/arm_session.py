@@ -5,11 +5,12 @@ from __future__ import annotations
 import atexit
 import sys
 from collections.abc import Callable
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, suppress
 from typing import ClassVar
 from weakref import WeakKeyDictionary
 
 from qrobot.errors import LinkError, MotionError, QRobotError
+from qrobot.rccl.standstill import RcclStandstill
 from qrobot.rccl.task import TrajectoryTask
 from qrobot.rccl.trace import Trace
 from qrobot.rci import Link
@@ -153,13 +154,26 @@ class ArmSession:
     def wait(self, predicate: Callable[[], bool], ours: bool = True) -> None:
         """Return when `predicate`, called at every sample, is true. Raises what ended the hold.
 
-        One that is not `ours` is called in the thread of the program.
+        On virtual time MotionError as well: an arm stands still until somebody lets it go on, and nobody will. One that
+        is not `ours` is called in the thread of the program.
         """
         try:
-            self._driver.wait(predicate, ours)
+            self._driver.wait(self._watched(predicate) if self._link.virtual_time else predicate, ours)
         except BaseException as error:
             self._error_told = self._error_told or error is self._driver.error
             raise
+
+    def _watched(self, predicate: Callable[[], bool]) -> Callable[[], bool]:
+        """The same, which raises MotionError as soon as nobody will let arms go on that stand still."""
+        standstill = RcclStandstill(self._task)
+
+        def happened() -> bool:
+            if predicate():
+                return True
+            standstill.check([(hold._name, hold._task) for hold in self._holds])
+            return False
+
+        return happened
 
     def task(self) -> AbstractContextManager[object]:
         """The lock under which a program touches the task. Raises what ended the hold, LinkError after `release`."""
@@ -198,8 +212,11 @@ class ArmSession:
         try:
             if well:
                 self.finish(lambda: None)
-        finally:
-            self.release(power_off=False)
+        except BaseException:
+            with suppress(QRobotError):  # the first error is the one to tell
+                self.release(power_off=False)
+            raise
+        self.release(power_off=False)
 
     @classmethod
     def end_all(cls, well: bool) -> None:

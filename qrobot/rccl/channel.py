@@ -112,8 +112,10 @@ class Channel(MotionParameters, HandAndOutputs):
         try:
             if ended_well(error):
                 self.finish()
-        finally:
-            self._let_go(error)
+        except BaseException as first:
+            self._let_go(first)
+            raise
+        self._let_go(error)
 
     def _let_go(self, error: BaseException | None) -> None:
         try:

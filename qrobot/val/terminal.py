@@ -14,12 +14,16 @@ PROMPT = "."  # VAL's own
 
 
 def serve(monitor: ValMonitor, say: Callable[[str], None]) -> None:
-    """Obey lines until QUIT or their end. Raises what `ValMonitor.obey` raises, ConfigError without prompt_toolkit."""
+    """Obey lines until QUIT, which the end of input stands for.
+
+    Raises what `ValMonitor.obey` raises, ConfigError without prompt_toolkit.
+    """
     for line in _typed(monitor) if sys.stdin.isatty() else sys.stdin:
         if answer := monitor.obey(line):
             say(answer)
         if monitor.over:
             return
+    monitor.obey("QUIT")
 
 
 def forget_typed() -> None:

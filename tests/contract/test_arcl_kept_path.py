@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import suppress
 
 import numpy as np
 import pytest
@@ -134,6 +135,25 @@ def test_without_that_wish_a_stop_of_the_servo_ends_control_and_a_wish_is_checke
     fail(fake, "stop")
     with pytest.raises(ServoFault):
         arcl_wait(rp)
+
+
+@pytest.mark.parametrize("end", ["arcl_wait", "arcl_close"])
+@pytest.mark.parametrize("how", ["kept", "paused"])
+def test_on_virtual_time_a_wait_for_an_arm_that_nobody_lets_go_on_ends_with_the_reason(
+    fake: FakeRobot, how: str, end: str
+) -> None:
+    rp = arcl_open(ARCL_AMI, "bridge")
+    rp.keep_path()
+    motions(rp)
+    if how == "paused":
+        arcl_pause(rp)
+    else:
+        fake.before_period = lambda seq: fail(fake, "fault") if seq == 40 else None
+    reason = "holds its motions itself" if how == "paused" else "FOLLOWING"
+    with pytest.raises(MotionError, match=rf"{reason}.*120 s of virtual time.*resume"):
+        (arcl_wait if end == "arcl_wait" else arcl_close)(rp)
+    with suppress(ServoFault):
+        rp.abandon()
 
 
 def test_a_way_back_that_is_too_long_waits_until_more_is_allowed_and_a_stop_gives_the_path_up(fake: FakeRobot) -> None:

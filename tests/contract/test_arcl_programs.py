@@ -79,11 +79,11 @@ from qrobot.arcl import (
     teach,
     where,
 )
-from qrobot.arcl.standstill import HELD_S
 from qrobot.arcl.stream import RecordKind, read_stream
 from qrobot.errors import ConfigError, JointLimit, LinkError, MotionError, Unreachable
 from qrobot.model.transform import so3_exp, transform
 from qrobot.rci.machine_choice import MachineChoice, use_machine
+from qrobot.rci.standstill import HELD_S
 from tests.support.arcl import PARK, at, forget_programs, offline, recorded
 
 AWAY = (30.0, 80.0, -110.0, 10.0, 70.0, -20.0)

@@ -11,7 +11,7 @@ import pytest
 
 from qrobot import rci
 from qrobot.arrays import Floats
-from qrobot.errors import ServoFault
+from qrobot.errors import MotionError, ServoFault
 from qrobot.faultcodes import FaultCode
 from qrobot.model.transform import inverse
 from qrobot.motion.kept import WAY_BACK_SHARE
@@ -136,6 +136,22 @@ def test_an_arm_on_a_path_of_its_own_waits_on_it_and_one_that_keeps_no_path_ends
     fail(fakes["right"], "stop")
     with pytest.raises(ServoFault):
         wait_as(lambda: False)
+
+
+def test_on_virtual_time_a_wait_for_arms_of_which_nobody_lets_one_go_back_ends_with_what_has_stopped_it(
+    fakes: dict[str, FakeRobot],
+) -> None:
+    arms = [rccl_open(name) for name in NAMES]
+    for arm, turn in zip(arms, (40.0, -40.0), strict=True):
+        rccl_control(arm)
+        keep_path(arm)
+        move(arm, jposition(arm, "END", (np.degrees(PARK) + np.array([turn, 0, 0, 0, 0, 0])).tolist()))
+    fakes["right"].before_period = lambda seq: fail(fakes["right"], "fault") if seq == 30 else None
+    with pytest.raises(MotionError, match=r"FOLLOWING.*120 s of virtual time"):
+        wait_as(lambda: all(arm.completed.count for arm in arms))
+    for arm in arms:
+        with suppress(ServoFault):
+            rccl_release(arm)
 
 
 @pytest.mark.parametrize("both", [False, True], ids=["one", "one another"])

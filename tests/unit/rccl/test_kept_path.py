@@ -18,6 +18,7 @@ from qrobot.fences.in_force import use_fences
 from qrobot.motion import Termination
 from qrobot.motion.kept import WAY_BACK_SHARE
 from qrobot.rci import VirtualLink
+from qrobot.rci.standstill import HELD_S
 from qrobot.wire import Mode
 from tests.support.fake_robot import FakeRobot
 from tests.support.puma import LIMITS, PARK, PERIOD_S, ROBOT
@@ -205,6 +206,61 @@ def test_a_way_back_that_is_too_long_is_refused_before_power_and_waits_until_mor
         arm.waitfor(arm.completed)
         assert (end.code, arm.kept) == (Termination.COMPLETED, "")
         assert not fake.commands[-1].path_waits
+
+
+@pytest.mark.parametrize("waits", ["completed", "a predicate", "the end"])
+def test_on_virtual_time_a_wait_for_an_arm_that_nobody_lets_go_back_ends_with_what_has_stopped_it(
+    fake: FakeRobot, waits: str
+) -> None:
+    fake.before_period = lambda seq: fail(fake, "fault") if seq == 30 else None
+
+    def program() -> None:
+        with rccl.control("puma560") as arm:
+            arm.keep_path()
+            motions(arm)
+            if waits == "completed":
+                arm.waitfor(arm.completed)
+            elif waits == "a predicate":
+                arm.waitas(lambda: arm.completed.count)
+
+    with pytest.raises(MotionError, match=r"FOLLOWING.*120 s of virtual time.*resume"):
+        program()
+    assert HELD_S / PERIOD_S < fake.seq < HELD_S / PERIOD_S + 60
+
+
+def test_a_wait_that_is_shorter_or_a_motion_that_goes_on_ends_nothing(fake: FakeRobot) -> None:
+    with rccl.control("puma560") as arm:
+        arm.keep_path()
+        _, end = motions(arm)
+        arm.waitas(lambda: arm.time > 500)
+        fail(fake, "fault")
+        for _ in range(2):  # each wait has a time of its own
+            begin = arm.time
+            arm.waitas(lambda begin=begin: arm.time > begin + 1e3 * (HELD_S - 1.0))
+        arm.resume()
+        arm.waitfor(arm.completed)
+        assert end.code == Termination.COMPLETED
+        arm.setmode("joint")
+        arm.setime(300, 1e3 * (HELD_S + 20.0))
+        arm.move(arm.pose("park"))
+        arm.waitfor(arm.completed)
+
+
+@pytest.mark.parametrize("how", ["pause", "override"])
+def test_a_program_that_holds_its_own_motions_and_waits_for_them_is_told_on_virtual_time(
+    fake: FakeRobot, how: str
+) -> None:
+    def program() -> None:
+        with rccl.control("puma560") as arm:
+            motions(arm)
+            if how == "pause":
+                arm.pause()
+            else:
+                arm.override(0)
+
+    with pytest.raises(MotionError, match="holds its motions itself"):
+        program()
+    assert fake.goodbyes == 1
 
 
 @pytest.mark.parametrize("wrong", [{"way_back_mm": -1.0}, {"way_back_deg": float("nan")}])

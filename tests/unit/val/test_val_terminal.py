@@ -34,7 +34,7 @@ class _Monitor:
         return ""
 
 
-@pytest.mark.parametrize(("stopped", "obeyed"), [(True, ["EX main"]), (False, ["EX main", "PROCEED", "QUIT"])])
+@pytest.mark.parametrize(("stopped", "obeyed"), [(True, ["EX main", "QUIT"]), (False, ["EX main", "PROCEED", "QUIT"])])
 def test_what_was_typed_before_the_arm_was_stopped_is_not_obeyed(
     stopped: bool, obeyed: list[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
