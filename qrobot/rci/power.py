@@ -14,6 +14,7 @@ from qrobot.wire import Mode, RobotState
 
 PATIENCE_S: Final = 6.0  # twice what the servo itself waits for power
 REACTION_S: Final = 0.15  # for the servo to answer a request
+SAME_AGAIN_S: Final = 1.0  # [A] with the event that stood there before: until then it may not have heard the request
 ARRIVED: Final = 1e-6  # rad or m
 
 
@@ -51,6 +52,7 @@ class PowerUp:
         self._may_clear = clear_fault
         self._elapsed_s = 0.0
         self._asked_s: float | None = None  # when power, or a clear, was asked for
+        self._event_before = 0  # told before power was
 
     def step(self, robot: RobotState, chg: Chg) -> bool:
         """Say the next request in `chg`; True once the arm holds.
@@ -76,8 +78,8 @@ class PowerUp:
     def _ask(self, robot: RobotState, chg: Chg) -> None:
         if not chg.power:
             chg.power = self._asked_s is not None  # low at first
-            self._asked_s = self._elapsed_s
-        elif self._waited(REACTION_S) and robot.event:
+            self._asked_s, self._event_before = self._elapsed_s, robot.event
+        elif robot.event and self._waited(SAME_AGAIN_S if robot.event == self._event_before else REACTION_S):
             raise servo_fault(robot, "no arm power")
 
     def _leave_fault(self, robot: RobotState, chg: Chg) -> None:

@@ -13,6 +13,8 @@ At each sample: read the robot - check - post `how` - control1 - check `chg` - s
     STOPPING    the last setpoints play out, or a controlled
                 stop, on which the arm stays on its path
     LEFT        nothing more to say
+
+A stream that is lost before the task has moved anything ends nothing: another one begins, from POWERING on.
 """
 
 from __future__ import annotations
@@ -23,15 +25,19 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import Final
 
+import numpy as np
+
 from qrobot.errors import ServoFault
+from qrobot.faultcodes import FaultCode
 from qrobot.rci.blackboard import Chg
 from qrobot.rci.chg_check import Asked, check_chg
 from qrobot.rci.descriptor import TaskDescriptor, TaskState, TaskWord
-from qrobot.rci.power import PowerDown, PowerUp, servo_fault
+from qrobot.rci.power import ARRIVED, PowerDown, PowerUp, servo_fault
 from qrobot.rci.robot_data import RobotData
 from qrobot.wire import Command, Mode, RobotState, State
 
 START_S: Final = 0.5  # for the servo to follow a stream that began
+MOST_STARTS: Final = 5  # [A] streams that begin one after another, because the arm has not moved in the one before
 TRACE_SAMPLES: Final = 36  # a second at 28 ms, for the report of a fault
 STOPPED_BY_HAND: Final = "no fault; somebody told it to, or took its power away"
 _SEQ_MODULUS: Final = 1 << 32
@@ -121,6 +127,8 @@ class RobotCycle:
         self._power_up = PowerUp(period_s, clear_fault)
         self._power_down = PowerDown(period_s, power_off=False)
         self._waited_s = 0.0
+        self._starts = 0  # streams begun since the arm was taken
+        self._stands: tuple[float, ...] = ()  # setpoints that they begin with
         self._runs = 0  # of the control function, not told yet
         self._told_phase: CyclePhase | None = None
         self._told_left_out = 0
@@ -154,7 +162,7 @@ class RobotCycle:
         """Take an arm that stands: a fault is cleared, and power asked for anew unless it is `powered`."""
         self._power_up = PowerUp(self._period_s, clear_fault=True)
         self._td.chg.power = powered
-        self._waited_s = 0.0
+        self._starts = 0
         self.phase = CyclePhase.POWERING
 
     def count_anew(self) -> None:
@@ -182,7 +190,7 @@ class RobotCycle:
             case CyclePhase.POWERING:
                 self._power(robot, chg, now_ns)
             case CyclePhase.STARTING:
-                self._start(robot)
+                self._start(robot, chg)
             case CyclePhase.STANDING:
                 self._hooks.standing()
             case CyclePhase.STOPPING:
@@ -225,19 +233,39 @@ class RobotCycle:
             self._hooks.held()
             chg.stream = (now_ns >> 20) % _SEQ_MODULUS  # any number that no earlier run had
             chg.go_to(robot.q_setpoint)
+            self._stands, self._waited_s = robot.q_setpoint, 0.0
+            self._starts += 1
             self.phase = CyclePhase.STARTING
 
-    def _start(self, robot: RobotState) -> None:
+    def _start(self, robot: RobotState, chg: Chg) -> None:
         self._waited_s += self._period_s
+        is_over = (
+            robot.mode == Mode.STOPPING or self._waited_s > START_S
+        )  # until then it may not have heard of this one
         if robot.mode == Mode.TRACKING:
             self.phase = CyclePhase.FOLLOWING
+        elif is_over and self._lost_at_rest(robot):
+            self._start_again(chg)
+            return
         elif robot.mode != Mode.HOLDING or self._waited_s > START_S:
             self._hooks.stopped(servo_fault(robot, "the servo does not follow the setpoints", self._heard))
             return
         self._hooks.starting()
 
+    def _lost_at_rest(self, robot: RobotState) -> bool:
+        """The stream was lost while the arm stood where it began, and another one may begin."""
+        lost = robot.event == FaultCode.STREAM_LOST and robot.mode in (Mode.STOPPING, Mode.HOLDING)
+        return lost and self._starts < MOST_STARTS and np.allclose(robot.q_setpoint, self._stands, 0.0, ARRIVED)
+
+    def _start_again(self, chg: Chg) -> None:
+        """Hold all joints until the servo does."""
+        chg.hold()
+        self.phase = CyclePhase.POWERING
+
     def _follow(self, robot: RobotState, chg: Chg, control: Callable[[], object] | None) -> None:
-        if robot.mode != Mode.TRACKING:
+        if robot.mode != Mode.TRACKING and control is None and self._lost_at_rest(robot):
+            self._start_again(chg)
+        elif robot.mode != Mode.TRACKING:
             what = f"the servo stopped the arm{self._hooks.remark()}"
             self._hooks.stopped(servo_fault(robot, what, self._heard, STOPPED_BY_HAND))
         elif control is not None:

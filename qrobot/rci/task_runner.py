@@ -265,7 +265,8 @@ class TaskRunner:
         self._state = state = self.port.read()
         self.heard_ns = self._clock.now_ns()
         self._count_left_out(cycle)
-        runs = self.td.active and self._clock.ticks >= self._active_from
+        follows = cycle.phase is CyclePhase.FOLLOWING
+        runs = follows and self.td.active and self._clock.ticks >= self._active_from
         control = (lambda: self._call(self.functions.control1)) if runs else None
         self.port.send(cycle.step(state, self.port.link.now_ns(), control))
         self._state = None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from functools import partial
 
 import numpy as np
 import pytest
@@ -15,8 +16,10 @@ from qrobot.fences.fence_set import FenceSet
 from qrobot.fences.in_force import use_fences
 from qrobot.motion import motion_limits
 from qrobot.rci import TaskDescriptor, TaskState, VirtualLink
+from qrobot.rci.robot_cycle import MOST_STARTS
 from qrobot.wire import JointMode, Mode
 from tests.support.fake_robot import FakeRobot
+from tests.support.late_robot import LATE, hear_power_late, lose_streams
 from tests.support.puma import PARK, ROBOT
 
 START = tuple(float(x) for x in PARK)
@@ -249,6 +252,57 @@ def test_a_fault_of_the_servo_ends_the_task_with_its_name_and_its_last_samples(r
     assert (caught.value.code, caught.value.trace[-1].fault) == (FaultCode.ESTOP, FaultCode.ESTOP)
     wait_runs(other, 50)
     assert (td.state, other.state) == (TaskState.ENDED, TaskState.ACTIVE)
+
+
+def test_what_the_servo_told_before_power_was_asked_for_is_no_answer_to_that(robot: FakeRobot) -> None:
+    hear_power_late(robot)
+    td = task(turn(0, 0.001))
+    rci.rci_start(td.bit)
+    assert robot.seq > LATE
+    wait_runs(td, 3)
+
+
+@pytest.mark.parametrize("before", [FaultCode.NONE, FaultCode.STREAM_LOST, FaultCode.POWER_NO_ACK])
+def test_power_that_is_refused_ends_the_task_also_for_the_reason_of_last_time(robot: FakeRobot, before) -> None:
+    robot.event, robot.refuse_power = before, True
+    with pytest.raises(ServoFault, match="no arm power: POWER_NO_ACK"):
+        rci.rci_start(task(turn(0, 0.001)).bit)
+    assert robot.seq < 2.0 / PERIOD_S
+
+
+@pytest.mark.parametrize("stops", [False, True])
+def test_a_stream_that_is_lost_before_it_moves_the_arm_begins_again(robot: FakeRobot, stops: bool) -> None:
+    lose_streams(robot, MOST_STARTS - 1, stops)
+    td = task(turn(0, 0.001))
+    rci.rci_start(td.bit)
+    assert len({command.stream for command in robot.commands if any(command.modes)}) == MOST_STARTS
+    wait_runs(td, 10)
+    assert robot.q[0] == pytest.approx(START[0] + 0.009)
+
+
+@pytest.mark.parametrize(("streams", "move"), [(MOST_STARTS, 0.0), (1, 1e-5)])
+def test_it_ends_the_task_when_that_happens_too_often_or_has_moved_the_arm(robot: FakeRobot, streams, move) -> None:
+    lose_streams(robot, streams, move=move)
+    with pytest.raises(ServoFault, match="does not follow the setpoints: STREAM_LOST"):
+        rci.rci_start(task(turn(0, 0.001)).bit)
+
+
+def test_a_task_that_waits_for_others_outlives_the_loss_of_its_stream() -> None:
+    """Its arm stands, and its functions are called once it follows again."""
+    left, right = FakeRobot(START), FakeRobot(START)
+    lose_streams(left, 1, since=LATE - 5)
+    hear_power_late(right)
+    ways = {"puma560": left, "right": right}
+    with rci.use({name: partial(VirtualLink, transfer=fake.transfer) for name, fake in ways.items()}):
+        rci.rci_robot("right", "puma560")
+        modes: list[int] = []
+        moved, late = task(lambda td: modes.append(td.how.mode)), task(turn(0, 0.001), name="right")
+        rci.rci_start(moved.bit | late.bit)
+        wait_runs(moved, 5)
+        rci.rci_close()
+    assert len({command.stream for command in left.commands if any(command.modes)}) == 2
+    assert set(modes) == {Mode.TRACKING}
+    assert len(modes) == 5
 
 
 def test_an_arm_that_cannot_be_had_leaves_nothing_started(robot: FakeRobot) -> None:

@@ -18,15 +18,20 @@ from qrobot.cli import toolchain
 from qrobot.cli.console import run_app
 from qrobot.cli.main import make_app
 from qrobot.errors import ConfigError
+from qrobot.faultcodes import FaultCode
 from qrobot.modecodes import Mode
 from qrobot.rccl.c.program import run_executable
 from qrobot.rccl.offline import OfflineLink
+from qrobot.rci import VirtualLink
+from qrobot.rci.robot_cycle import MOST_STARTS
 from qrobot.rci.robot_data import RobotData
 from qrobot.realtime.setup import may_lock_all
 from qrobot.rig.lockstep import LockstepRig, link_factory
 from qrobot.servo.settings import ServoSettings
 from qrobot.sim_board.emulator import Emulator
 from tests.support.c_programs import CHECKED, EXAMPLES, FOUND, VALGRIND, needs_compiler, needs_valgrind
+from tests.support.fake_robot import FakeRobot
+from tests.support.late_robot import LATE, hear_power_late, lose_streams
 from tests.support.patience import PATIENCE_S, wait_until
 from tests.support.processes import RunningArm
 from tests.support.puma import PARK, ROBOT
@@ -71,6 +76,28 @@ int main(void)
     while (fgets(line, sizeof line, status))
         fputs(line, stdout);
     return fclose(status);
+}
+"""
+TURN = """
+#include "rci.h"
+static RCI_TASK *td;
+static void turn(RCI_TASK *td)
+{
+    double q[6];
+    int j;
+    for (j = 0; j < 6; j++) q[j] = td->how.q_setpoint[j] + (j == 0 ? 0.001 : 0.0);
+    rci_goto(td, q);
+}
+static int over(void) { return rci_runs(td) > 9; }
+int main(void)
+{
+    if ((td = rci_create("puma560", "")) == 0 || rci_control(td, turn, 0, 0))
+        return 6;
+    if (rci_start(td->bit))
+        return 7;
+    if (rci_wait(over))
+        return 8;
+    return rci_close();
 }
 """
 CONVERSIONS = """
@@ -224,6 +251,52 @@ def test_a_hybrid_controller_in_c_makes_a_spring_of_one_joint(make: Make) -> Non
     assert 0.45 < gone[-1, 0] < 0.55
     assert np.abs(gone[:, 1:]).max() < 0.02
     assert rows[-1]["mode"] == Mode.HOLDING
+
+
+@pytest.fixture(scope="module")
+def turns(make: Make, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    source = tmp_path_factory.mktemp("turns") / "turn.c"
+    source.write_text(TURN)
+    return make(source)
+
+
+@pytest.mark.parametrize("stops", [False, True])
+def test_a_stream_in_c_that_is_lost_before_it_moves_the_arm_begins_again(turns: Path, stops: bool) -> None:
+    robot = FakeRobot(tuple(PARK))
+    lose_streams(robot, MOST_STARTS - 1, stops)
+    with rci.use(partial(VirtualLink, transfer=robot.transfer)):
+        assert run_executable(turns) == 0
+    assert len({command.stream for command in robot.commands if any(command.modes)}) == MOST_STARTS
+    assert robot.q[0] > PARK[0] + 0.005
+
+
+@pytest.mark.parametrize(("streams", "move"), [(MOST_STARTS, 0.0), (1, 1e-5)])
+def test_it_ends_the_task_when_that_happens_too_often_or_has_moved_the_arm(
+    turns: Path, capfd: pytest.CaptureFixture[str], streams: int, move: float
+) -> None:
+    robot = FakeRobot(tuple(PARK))
+    lose_streams(robot, streams, move=move)
+    with rci.use(partial(VirtualLink, transfer=robot.transfer)):
+        assert run_executable(turns) == 7
+    assert "does not follow the setpoints: STREAM_LOST" in capfd.readouterr().err
+
+
+def test_what_the_servo_told_before_power_was_asked_for_is_no_answer_to_that(turns: Path) -> None:
+    robot = FakeRobot(tuple(PARK))
+    hear_power_late(robot)
+    with rci.use(partial(VirtualLink, transfer=robot.transfer)):
+        assert run_executable(turns) == 0
+    assert robot.seq > LATE
+
+
+def test_power_that_is_refused_for_the_reason_of_last_time_ends_the_task(
+    turns: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    robot = FakeRobot(tuple(PARK))
+    robot.event, robot.refuse_power = FaultCode.POWER_NO_ACK, True
+    with rci.use(partial(VirtualLink, transfer=robot.transfer)):
+        assert run_executable(turns) == 7
+    assert "no arm power: POWER_NO_ACK" in capfd.readouterr().err
 
 
 def test_a_robot_on_virtual_time_without_a_relay_is_refused(make: Make) -> None:

@@ -7,6 +7,9 @@
 #define START_S 0.5      /* for the servo to follow a stream that began */
 #define PATIENCE_S 6.0   /* twice what the servo itself waits for power */
 #define REACTION_S 0.15  /* for the servo to answer a request */
+#define SAME_AGAIN_S 1.0 /* with the event that stood there before: until then it may not have heard the request */
+#define MOST_STARTS 5    /* streams that begin one after another, because the arm has not moved in the one before */
+#define STREAM_LOST 28
 #define ARRIVED 1e-6     /* rad or m */
 #define ROUNDING (1.0 + 1e-9)
 
@@ -99,7 +102,8 @@ static int is_powered(struct cycle *c, const struct qrobot_state *s, const char 
     else if (!c->power) { /* power comes on a request that is raised while the servo is off: low at first */
         c->power = c->asked_s >= 0.0;
         c->asked_s = c->waited_s;
-    } else if (c->waited_s - c->asked_s > REACTION_S && s->event)
+        c->event_before = s->event;
+    } else if (s->event && c->waited_s - c->asked_s > (s->event == c->event_before ? SAME_AGAIN_S : REACTION_S))
         *failed = gave_up(s, "no arm power");
     return *failed == NULL && s->mode == QROBOT_MODE_HOLDING;
 }
@@ -129,6 +133,18 @@ static void power_down(struct cycle *c, const struct qrobot_state *s)
         c->phase = LEFT;
 }
 
+/* The stream was lost while the arm stood where it began, and another one may begin. */
+static int lost_at_rest(const struct cycle *c, const struct qrobot_state *s)
+{
+    if (s->event != STREAM_LOST || (s->mode != QROBOT_MODE_STOPPING && s->mode != QROBOT_MODE_HOLDING) ||
+        c->starts >= MOST_STARTS)
+        return 0;
+    for (int j = 0; j < s->joints; j++)
+        if (fabs(s->q_setpoint[j] - c->said.setpoints[j]) > ARRIVED)
+            return 0;
+    return 1;
+}
+
 /* Take in a state. Returns NULL, or why the robot cannot be had any longer. */
 const char *rci_cycle_step(RCI_TASK *td, int64_t now_ns)
 {
@@ -142,19 +158,24 @@ const char *rci_cycle_step(RCI_TASK *td, int64_t now_ns)
         if (is_powered(c, s, &failed)) {
             c->stream = (uint32_t)(now_ns >> 20) ^ s->seq << 12; /* unlike that of a run before */
             stay(td, s);
-            c->waited_s = 0.0;
+            c->start_s = 0.0;
+            c->starts++;
             c->phase = STARTING;
         }
         break;
     case STARTING:
-        c->waited_s += c->period_s;
+        c->start_s += c->period_s;
         if (s->mode == QROBOT_MODE_TRACKING)
             c->phase = FOLLOWING;
-        else if (s->mode != QROBOT_MODE_HOLDING || c->waited_s > START_S)
+        else if ((s->mode == QROBOT_MODE_STOPPING || c->start_s > START_S) && lost_at_rest(c, s))
+            c->phase = POWERING; /* another stream, when the arm holds */
+        else if (s->mode != QROBOT_MODE_HOLDING || c->start_s > START_S)
             failed = gave_up(s, "the servo does not follow the setpoints");
         break;
     case FOLLOWING:
-        if (s->mode != QROBOT_MODE_TRACKING)
+        if (s->mode != QROBOT_MODE_TRACKING && td->inside->state != RCI_ACTIVE && lost_at_rest(c, s))
+            c->phase = POWERING;
+        else if (s->mode != QROBOT_MODE_TRACKING)
             failed = gave_up(s, "the servo stopped the arm");
         break;
     case STOPPING:

@@ -29,8 +29,10 @@ enum phase { POWERING, STARTING, FOLLOWING, STOPPING, LEFT };
 /* Where a task stands with its robot; the phases are those of qrobot/rci/robot_cycle.py. */
 struct cycle {
     enum phase phase;
-    double period_s, waited_s, asked_s, stopping_s;
+    double period_s, waited_s, asked_s, start_s, stopping_s;
     int power, power_off, stopped, has_state;
+    int starts;                    /* streams begun */
+    int event_before;              /* told before power was asked for */
     uint32_t stream;
     RCI_CHG said;                  /* in the command before */
     struct qrobot_state state;     /* the newest */
