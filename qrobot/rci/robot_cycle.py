@@ -239,9 +239,8 @@ class RobotCycle:
 
     def _start(self, robot: RobotState, chg: Chg) -> None:
         self._waited_s += self._period_s
-        is_over = (
-            robot.mode == Mode.STOPPING or self._waited_s > START_S
-        )  # until then it may not have heard of this one
+        # A servo that still holds may not have heard of this stream.
+        is_over = robot.mode == Mode.STOPPING or self._waited_s > START_S
         if robot.mode == Mode.TRACKING:
             self.phase = CyclePhase.FOLLOWING
         elif is_over and self._lost_at_rest(robot):
