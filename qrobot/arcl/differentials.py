@@ -16,8 +16,8 @@ from qrobot.arcl.trans import CONST, Trans, new_trans_value
 from qrobot.arcl.vectors import CartesianVector, three
 from qrobot.arrays import Floats
 from qrobot.errors import MotionError
-from qrobot.model.differential import small_motion, twist_to_child, wrench_to_parent
-from qrobot.model.transform import so3_exp, transform
+from qrobot.model.differential import twist_to_child, wrench_to_parent
+from qrobot.model.transform import so3_exp, so3_log, transform
 from qrobot.motion import Trsf
 from qrobot.units import DEG_PER_RAD, M_PER_MM, MM_PER_M, RAD_PER_DEG
 
@@ -61,9 +61,12 @@ def new_force(fx: float, fy: float, fz: float, mx: float, my: float, mz: float) 
 
 
 def diff_of(trans: Trsf) -> Diff:
-    """The small displacement that a transform near identity is."""
-    motion = small_motion(trans.value)
-    return new_diff(*(motion[:3] * MM_PER_M), *(motion[3:] * DEG_PER_RAD))
+    """`new_trans_diff` of it is the transform again: its displacement and rotation vector, of up to 180 degrees.
+
+    For small turns that is the differential rotation of Paul (1981), to first order; of a half turn the axis may point
+    either way.
+    """
+    return new_diff(*(trans.value[:3, 3] * MM_PER_M), *(so3_log(trans.value) * DEG_PER_RAD))
 
 
 def new_trans_diff(name: str, diff: Diff) -> Trans:

@@ -53,13 +53,18 @@ class IOD:
 
 
 def new_iod(rp: ArclRobot, direction: LineDirection, first: int, count: int = 1) -> IOD:
-    """A group of `count` lines from line `first` on. Raises MotionError: no such lines, or no robot."""
+    """A group of `count` lines from line `first` on.
+
+    Raises:
+        MotionError: no robot, no such lines, or some to which nothing leads by the deployment file of the arm.
+    """
     _check_robot("new_iod", rp)
     if not isinstance(direction, LineDirection):
         raise MotionError(f"new_iod: IOD_IN or IOD_OUT is needed, not {direction!r}")
     if not all(isinstance(number, int) and not isinstance(number, bool) for number in (first, count)):
         raise MotionError(f"new_iod: numbers of lines are whole, not {first!r} and {count!r}")
     check_lines(first, count, N_INPUTS if direction is IOD_IN else N_OUTPUTS)
+    rp.check_wired(range(first, first + count), direction is IOD_OUT)
     return IOD(rp, direction, first, count)
 
 

@@ -13,7 +13,7 @@ from qrobot.arcl.machine import MachineSample, RobotMachine
 from qrobot.arcl.machine.digital import check_analog, set_bits
 from qrobot.arrays import Floats
 from qrobot.config import Robot
-from qrobot.config.signals import NamedSignal
+from qrobot.config.signals import N_BOARD_INPUTS, NamedSignal
 from qrobot.errors import ConfigError, MotionError
 from qrobot.rci.arguments import collision_of, payload_of
 from qrobot.rci.machine_choice import machine_choice
@@ -130,6 +130,29 @@ class LineCalls(ABC):
     def sensors(self) -> Floats:
         """Volts at the channels of the converter at the newest sample, NaN where not known. Shape (8,)."""
         return self._seen.sensors
+
+    def check_wired(self, numbers: range, output: bool) -> None:
+        """Raise MotionError for lines, from 1, to which nothing leads by the deployment file of the arm.
+
+        Without one, as of a program that `qrobot run` has not started, nobody knows.
+        """
+        choice = machine_choice()
+        if choice.outputs is None or choice.robot is None or choice.robot.name != self.name:
+            return
+        there = choice.outputs if output else range(1, N_BOARD_INPUTS + 1)
+        missing = [number for number in numbers if number not in there]
+        if not missing:
+            return
+        if output:
+            known = ", ".join(map(str, sorted(there))) or "none"
+            raise MotionError(
+                f"new_iod: output {missing[0]} of {self.name} is not configured; the deployment file has {known}: "
+                "add it to [[arm.board.outputs]], or to a module's"
+            )
+        raise MotionError(
+            f"new_iod: no line leads to input line {missing[0]} of {self.name}; there are lines 1 to {N_BOARD_INPUTS}, "
+            "of the board, and modules stand for those"
+        )
 
     def signal(self, name: str) -> NamedSignal:
         """The signal of that name in the deployment file. Raises ConfigError: there is none; tells which there are."""

@@ -125,8 +125,9 @@ def machine_of(
         return use_machine(MachineChoice(ami, folder, pendant=terminal_pendant))
     (arm,) = arms
     choice = MachineChoice(
-        ami, folder, robot_of_arm(arm), arm.named_signals, terminal_pendant, arm.analog_ranges, start_place(start, arm)
-    )
+        ami, folder, robot_of_arm(arm), arm.named_signals, terminal_pendant, arm.analog_ranges, start_place(start, arm),
+        frozenset(each.output for each in arm.board.lines),
+    )  # fmt: skip
     return use_machine(choice)
 
 

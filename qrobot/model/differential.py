@@ -30,18 +30,3 @@ def wrench_to_parent(T: Floats, wrench: Floats) -> Floats:
     R, p = T[:3, :3], T[:3, 3]
     force: Floats = R @ wrench[:3]
     return np.concatenate((force, R @ wrench[3:] + cross_matrix(p) @ force))
-
-
-def differential(motion: Floats) -> Floats:
-    """The differential transform of a small motion: identity plus `[delta x, d]`, to first order. Shape (4, 4)."""
-    D = np.eye(4)
-    D[:3, :3] += cross_matrix(motion[3:])
-    D[:3, 3] = motion[:3]
-    return D
-
-
-def small_motion(D: Floats) -> Floats:
-    """`small_motion(differential(m)) == m`. Shape (6,)."""
-    R = D[:3, :3]
-    turn = 0.5 * np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
-    return np.concatenate((D[:3, 3], turn))

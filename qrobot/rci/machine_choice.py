@@ -44,6 +44,7 @@ class MachineChoice:
         analog_ranges: least and most volts of its analogue outputs, by their numbers from 1.
         pendant: with which a person may move an arm that a program lends; None for none.
         start: where that robot stands when it is not there, rad or m, shape (n,); None for its park pose.
+        outputs: numbers of its binary outputs that lead somewhere, from 1; None where nobody knows.
     """
 
     ami: str = ""
@@ -53,6 +54,7 @@ class MachineChoice:
     pendant: TeachPendant | None = None
     analog_ranges: Mapping[int, tuple[float, float]] = field(default_factory=dict)
     start: Floats | None = None
+    outputs: frozenset[int] | None = None
 
 
 _choice: ContextVar[MachineChoice] = ContextVar("machine_choice", default=MachineChoice())  # noqa: B039 (immutable)

@@ -18,6 +18,8 @@ from qrobot.arcl.events import ArclEvent, Grip
 from qrobot.arcl.kinematics import kinematics
 from qrobot.arcl.stream import RecordKind, read_stream
 from qrobot.cli import toolchain
+from qrobot.cli.console import run_app
+from qrobot.cli.main import make_app
 from qrobot.cli.teach_pendant import teach_by_keys
 from qrobot.faultcodes import FaultCode
 from qrobot.rci import VirtualLink
@@ -265,6 +267,39 @@ def test_a_program_in_c_is_taught_by_the_pendant(tmp_path: Path, capfd: pytest.C
     assert "2 presses" in said.out
     assert "teach: a null pointer was given" in said.err
     assert not rig.rows()["fault"].any()
+
+
+NO_LINE = {
+    "c": """\
+#include <arcl.h>
+int main(void)
+{
+    ROBOT *rp = arcl_open(0);
+    iod_write(new_iod(rp, IOD_OUT, 5, 1), 1);
+    return 0;
+}
+""",
+    "py": """\
+from qrobot.arcl import *
+rp = arcl_open(0)
+iod_write(new_iod(rp, IOD_OUT, 5, 1), 1)
+""",
+}
+
+
+@pytest.mark.parametrize("kind", ["--offline", "--lockstep"])
+@pytest.mark.parametrize("language", NO_LINE)
+def test_a_program_that_asks_for_an_output_which_its_deployment_file_does_not_have_is_told(
+    language: str, kind: str, tmp_path: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    program = tmp_path / f"program.{language}"
+    program.write_text(NO_LINE[language])
+    if language == "c":
+        program = compiled(program, tmp_path)
+    assert run_app(make_app("run"), ["run", kind, str(program)]) == 1
+    told = " ".join(capfd.readouterr().err.split())
+    assert "new_iod: output 5 of puma560 is not configured; the deployment file has none" in told
 
 
 @pytest.mark.parametrize(

@@ -59,6 +59,7 @@ from qrobot.arcl import (
 from qrobot.arcl.robot import ArclRobot
 from qrobot.arcl.stream import RecordKind, Stream, cartesian_table, read_stream
 from qrobot.cli.arms import choose_arm, servo_settings
+from qrobot.cli.run import machine_of
 from qrobot.cli.teach_pendant import teach_by_keys, terminal_pendant
 from qrobot.errors import ConfigError, LinkBusy, LinkError, MotionError, ServoFault
 from qrobot.hwif.modbus.device import ModbusDevice
@@ -247,10 +248,15 @@ def test_lines_and_channels_reach_the_board_and_come_from_it_by_number_and_by_na
     (tmp_path / "here.toml").write_text(NAMED)
     arm = choose_arm(str(tmp_path / "here.toml"), None)
     rig = LockstepRig(ROBOT, servo_settings(arm))
-    chosen = use_machine(MachineChoice("bridge", None, ROBOT, arm.named_signals, analog_ranges=arm.analog_ranges))
-    with chosen, rci.use(partial(link_factory, rig, SAMPLE_US)):
+    with machine_of((arm,), "bridge", None), rci.use(partial(link_factory, rig, SAMPLE_US)):
         rp = arcl_open(0)
         out, switches = new_iod(rp, IOD_OUT, 1, 2), new_iod(rp, IOD_IN, 2, 3)
+        for direction, first, count, why in (
+            (IOD_OUT, 2, 2, r"output 3 of puma560 is not configured; the deployment file has 1, 2: add it to"),
+            (IOD_IN, 1, 7, "no line leads to input line 7 of puma560; there are lines 1 to 6"),
+        ):
+            with pytest.raises(MotionError, match=why):
+                new_iod(rp, direction, first, count)
         iod_write(named_iod(rp, "lamps"), 0b11)
         rig.board.panel.inputs = 0b1010
         rig.board.panel.analog[6] = 2_500_000  # microvolts

@@ -52,7 +52,9 @@ from qrobot.arcl import (
     vect_cross,
     vect_dot,
     vect_unit,
+    xunit,
     yunit,
+    zunit,
 )
 from qrobot.arcl.attributes import Attribute
 from qrobot.arcl.options import MotionOptions
@@ -139,11 +141,20 @@ def test_a_force_does_the_same_work_along_a_displacement_in_either_frame() -> No
     assert force.wrench @ there.twist == pytest.approx(force_from(T, force).wrench @ here.twist)
 
 
-def test_a_small_displacement_is_a_transform_and_back() -> None:
-    small = new_diff(0.01, -0.02, 0.03, 0.001, -0.002, 0.0015)
-    back = diff_of(new_trans_diff("d", small))
+@pytest.mark.parametrize("degrees", [0.0, 0.001, 1.0, 89.0, 91.0, 179.9])
+def test_a_displacement_is_a_transform_and_back(degrees: float) -> None:
+    given = new_diff(0.01, -0.02, 30.0, 0.6 * degrees, -0.64 * degrees, 0.48 * degrees)
+    back = diff_of(new_trans_diff("d", given))
     assert isinstance(back, Diff)
-    assert np.allclose(back.twist, small.twist, rtol=1e-4, atol=1e-12)
+    assert np.allclose(back.twist, given.twist, rtol=1e-9, atol=1e-12)
+
+
+@pytest.mark.parametrize("axis", [xunit, yunit, zunit])
+def test_a_half_turn_is_a_displacement_of_180_degrees_about_its_axis_either_way(axis: Vector) -> None:
+    turn = new_trans_rotvec("half", 1.0, 2.0, 3.0, axis, 180.0)
+    back = diff_of(turn)
+    assert np.allclose(np.abs(list(back.r)), 180.0 * np.abs(list(axis)))
+    assert np.allclose(new_trans_diff("again", back).value, turn.value)
 
 
 def test_a_jacobian_carries_rates_and_forces() -> None:
