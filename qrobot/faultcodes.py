@@ -219,7 +219,8 @@ EXPLANATION: dict[FaultCode, tuple[str, str]] = {
     ),
     FaultCode.T1_LIMIT: (
         "the tool would move faster than the reduced speed allows",
-        "lower the speed of the program, lead the arm more slowly, or start the servo without reduced speed",
+        "lower speed, override or acceleration of the program, lead the arm more slowly, or start the servo without "
+        "reduced speed",
     ),
     FaultCode.FENCE: (
         "the arm would enter a fence of the deployment file, or come too near another arm, or one that is not heard of",

@@ -14,7 +14,7 @@ from qrobot import arcl, rccl, rci
 from qrobot.config import load_robot
 from qrobot.config.deployment import ServoChoice
 from qrobot.errors import ConfigError
-from qrobot.faultcodes import FaultCode
+from qrobot.faultcodes import FaultCode, explain
 from qrobot.modecodes import Mode
 from qrobot.model.arm import Arm
 from qrobot.model.chain import chain_params
@@ -121,6 +121,39 @@ def test_the_limit_is_that_of_the_tool_and_not_of_the_flange(share: float, mode:
     play(bench, cruise(bench.q, rate * unit))
     bench.run(1.2)
     assert bench.mode is mode
+
+
+def start_hard(joint: int, period_ms: int, share: float, periods: int, limit: float = LIMIT) -> ServoBench:
+    """An arm whose setpoints come to `share` of LIMIT within so many sample periods, and go on."""
+    bench, period_s, unit = ServoBench(reduced_speed_m_s=limit, pose="end").hold(), 1e-3 * period_ms, np.eye(6)[joint]
+    tip = tuple(np.array(bench.params.tip))
+    rate = share * LIMIT / tip_speed(bench.q, unit, chain_params(bench.robot), tip)
+    rates = [0.0, 0.0, *np.minimum(rate, rate / periods * np.arange(1, 14))]
+    places = bench.q + np.outer(np.cumsum(rates) * period_s, unit)
+    play(bench, lambda t: places[min(round(t / period_s), len(places) - 1)], period_ns=period_ms * 1_000_000)
+    bench.run((len(places) - 1) * period_s)
+    return bench
+
+
+@pytest.mark.parametrize(("joint", "period_ms"), [(1, 28), (2, 28), (0, 100), (1, 100), (2, 100)])
+def test_a_start_within_one_sample_period_to_nearly_the_limit_is_stopped_with_advice(
+    joint: int, period_ms: int
+) -> None:
+    bench = start_hard(joint, period_ms, 0.99, 1)
+    assert (bench.mode, bench.event) == (Mode.HOLDING, FaultCode.T1_LIMIT)
+    assert "acceleration" in explain(FaultCode.T1_LIMIT)
+
+
+@pytest.mark.parametrize(("share", "periods"), [(0.86, 1), (0.99, 4)])
+@pytest.mark.parametrize(("joint", "period_ms"), [(1, 28), (2, 28), (0, 100), (1, 100), (2, 100)])
+def test_a_little_slower_or_gentler_it_is_followed_on_the_path_of_full_speed(
+    joint: int, period_ms: int, share: float, periods: int
+) -> None:
+    bench = start_hard(joint, period_ms, share, periods)
+    assert (bench.mode, bench.event) == (Mode.TRACKING, FaultCode.NONE)
+    assert speed_at(bench).max() > share * LIMIT
+    full = start_hard(joint, period_ms, share, periods, limit=0.0)
+    assert np.array_equal(bench.rows()["q_ref"], full.rows()["q_ref"])
 
 
 def test_motion_that_nobody_asked_for_counts_too() -> None:
