@@ -131,4 +131,5 @@ def main() -> None:
     if not turn_is_awaited():  # of the processes of an arm nobody reads along
         tell_compiling(EveryTenth())
     chosen = next(iter(sys.argv[1:]), "")
+    sys.argv[0] = f"qrobot {chosen}".strip()  # how it greets a bridge
     sys.exit(run_app(make_app(chosen), sys.argv[1:], partial(import_command, chosen)))

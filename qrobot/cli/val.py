@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from functools import partial
@@ -17,6 +18,7 @@ from qrobot.cli.run import bridge_links, offline_links, run_through, run_virtual
 from qrobot.cli.run_options import LockstepOption, OfflineOption, StartOption
 from qrobot.errors import ConfigError, ProgramError
 from qrobot.printable import printable
+from qrobot.realtime.signals import TERMINATED, sigterm_as_ctrl_c
 
 if TYPE_CHECKING:
     from qrobot.cli.arm_links import ArmLinks
@@ -170,7 +172,13 @@ def run(
         return status
     control = partial(_control, library, chosen, offline, output, start)
     begin = partial(_start, file, control, lambda it: _execute(it, execute.lower(), cycles, speed))
-    return _perform(chosen, begin, file, deployment, lockstep, offline, output, log, start)
+    with sigterm_as_ctrl_c() as terminated:
+        try:
+            return _perform(chosen, begin, file, deployment, lockstep, offline, output, log, start)
+        except KeyboardInterrupt:
+            if terminated():
+                return TERMINATED
+            raise
 
 
 def _perform(
@@ -199,6 +207,7 @@ def _start(
     from qrobot.val.source import load_source
 
     source = None if file is None else load_source(file)
+    sys.argv[0] = f"val: {'monitor' if file is None or act is _serve else file.name}"  # how it greets the bridge
     with control() as arm:
         interpreter = Interpreter(arm, _say, _ask)
         if source is not None:

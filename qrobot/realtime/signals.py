@@ -7,9 +7,11 @@ import os
 import select
 import signal
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from types import FrameType
+from typing import Final
 
+TERMINATED: Final = 143  # exit status of a command that SIGTERM has ended: 128 + SIGTERM, as shells have it
 _FULL = BlockingIOError  # the pipe holds more than anybody needs to be woken
 
 
@@ -70,5 +72,28 @@ def interrupted_by_sigterm() -> Iterator[None]:
     before = signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
+@contextlib.contextmanager
+def sigterm_as_ctrl_c() -> Iterator[Callable[[], bool]]:
+    """SIGTERM does what SIGINT does at that moment; gives a function that tells whether one has come.
+
+    Only the main thread may ask for it; in another one nothing changes.
+    """
+    came = False
+
+    def hear(_number: int, _frame: FrameType | None) -> None:
+        nonlocal came
+        came = True
+        signal.raise_signal(signal.SIGINT)
+
+    if threading.current_thread() is not threading.main_thread():
+        yield lambda: False
+        return
+    before = signal.signal(signal.SIGTERM, hear)
+    try:
+        yield lambda: came
     finally:
         signal.signal(signal.SIGTERM, before)

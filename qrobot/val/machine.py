@@ -37,6 +37,9 @@ class Machine:
         arm: under control.
         say: is given each line that programs type.
         ask: gives the answer to a question of PROMPT.
+
+    Attributes:
+        analog: volts that each analogue output was told last, which a stop may have ended since.
     """
 
     def __init__(self, arm: ValArm, say: Callable[[str], None], ask: Callable[[str], str]) -> None:
@@ -52,6 +55,7 @@ class Machine:
         self.hand_time_s = DEFAULT_HAND_TIME_S
         self.collision_percent = FILES_OWN
         self.hand_at_next: bool | None = None
+        self.analog: dict[int, float] = {}
         self._internal: set[int] = set()
         self._timers: dict[int, float] = {}
         self._random = 1
@@ -131,6 +135,7 @@ class Machine:
         if output not in ANALOG_OUTPUTS:
             raise ProgramError(no_analog_output(output))
         self.arm.analog(output, volts)
+        self.analog[output] = volts
 
     def tell_collisions(self, percent: float, comply: bool) -> None:
         """Have the arm tell collisions at a share of the robot file's thresholds, and give way after one, or not.

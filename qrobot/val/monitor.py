@@ -42,7 +42,7 @@ HELP: Final[dict[str, str]] = {
     "STORE": "file    all there is",
     "SPEED": "n    monitor speed, per cent",
     "RETRACT": "n    mm by which the arm goes back after a collision; 0 for not at all",
-    "IO": "signals that are on",
+    "IO": "signals that are on, and analogue outputs as they were told last",
     "STATUS": "how far the program is",
     "CALIBRATE": "whether the arm is calibrated; `qrobot calibrate` does it",
     "QUIT": "leave the monitor",
@@ -253,6 +253,8 @@ class ValMonitor:
         for name, numbers in (("outputs", OUTPUTS), ("inputs", INPUTS), ("internal", INTERNAL)):
             on = [str(number) for number in numbers if self._machine.signal_is_on(number)]
             lines.append(f"{name:9}{' '.join(on) or 'none'}")
+        told = [f"{number} {volts:g} V" for number, volts in sorted(self._machine.analog.items())]
+        lines.append(f"analogue {', '.join(told) or 'none'}")
         return "\n".join(lines)
 
 

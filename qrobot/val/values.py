@@ -17,6 +17,7 @@ from qrobot.units import DEG_PER_RAD, M_PER_MM, MM_PER_M, RAD_PER_DEG
 
 TRUE: Final = -1.0
 FALSE: Final = 0.0
+STORED_DIGITS: Final = 9  # behind the point, of mm and degrees [A]: far finer than any arm
 LARGEST_NUMBER: Final = 1e6  # mm or degrees of a location [A]: a kilometre, some thousand turns
 
 
@@ -26,9 +27,11 @@ class Transformation:
 
     Attributes:
         T: from the frame it is given in, m. Shape (4, 4).
+        numbers: x, y, z (mm) and o, a, t (degrees) by which it was given; None where it was computed.
     """
 
     T: Floats
+    numbers: tuple[float, ...] | None = None
 
     def __post_init__(self) -> None:
         """Raise ProgramError: the place is farther away than any that arms are used in."""
@@ -61,7 +64,7 @@ def transformation(numbers: Sequence[float]) -> Transformation:
     """The location of x, y, z (mm), o, a, t (degrees)."""
     x, y, z, o, a, t = within_reason(numbers)
     rotation = oat(o * RAD_PER_DEG, a * RAD_PER_DEG, t * RAD_PER_DEG)
-    return Transformation(transform(rotation, M_PER_MM * np.array([x, y, z])))
+    return Transformation(transform(rotation, M_PER_MM * np.array([x, y, z])), (x, y, z, o, a, t))
 
 
 def numbers_of(T: Floats) -> tuple[float, ...]:
@@ -81,7 +84,9 @@ def joint_location(degrees: Sequence[float], robot: Robot) -> JointLocation:
 
 
 def stored_numbers(value: Transformation | JointLocation, robot: Robot) -> tuple[float, ...]:
-    """The numbers that a file holds of a location."""
+    """The numbers that a file holds of a location: those by which it was given, without what rounding adds."""
     if isinstance(value, JointLocation):
-        return tuple(float(x) for x in value.q / joint_units(robot))
-    return numbers_of(value.T)
+        numbers = tuple(float(x) for x in value.q / joint_units(robot))
+    else:
+        numbers = value.numbers or numbers_of(value.T)
+    return tuple(round(number, STORED_DIGITS) + 0.0 for number in numbers)  # and no -0

@@ -2,9 +2,18 @@
 
 from __future__ import annotations
 
+import io
+import signal
+from pathlib import Path
+
 import pytest
 
+from qrobot.cli.console import run_app
+from qrobot.cli.main import make_app
 from qrobot.cli.val import _execute
+from qrobot.rccl.offline import OfflineLink
+from qrobot.rci import Link
+from qrobot.wire import Hello
 from tests.support.val_runs import interpreter, main_program
 
 PLACES = ".LOCATIONS\na 450 150 0 90 90 0\nb 450 -150 0 90 90 0\n.END"
@@ -25,3 +34,37 @@ def test_ctrl_c_brings_the_arm_to_rest_and_tells_the_line(capsys: pytest.Capture
         assert arm.idle
         assert 0.451 < run.machine.frame("here")[0, 3] < 0.625  # on its way to a
     assert "interrupted in program main, line " in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("library", ["rccl", "arcl"])
+@pytest.mark.parametrize("kind", ["--offline", "--lockstep"])
+def test_sigterm_brings_the_arm_to_rest_and_is_told_in_one_sentence(
+    kind: str, library: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "to_and_fro.v2"
+    file.write_text(main_program("MOVE a", 'TYPE "on the way"', "MOVE b", rest=PLACES))
+    monkeypatch.setattr("qrobot.cli.val._say", lambda _: signal.raise_signal(signal.SIGTERM))
+    monkeypatch.chdir(tmp_path)
+    before = signal.getsignal(signal.SIGTERM)
+    assert run_app(make_app("val"), ["val", "run", kind, "--library", library, str(file)]) == 143
+    assert capsys.readouterr().err.splitlines()[-1] == "qrobot: interrupted in program main, line 3: the arm stands"
+    assert signal.getsignal(signal.SIGTERM) is before
+
+
+def test_a_program_greets_its_arm_by_the_name_of_its_file_and_the_monitor_as_such(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = tmp_path / "stack.v2"
+    file.write_text(main_program("x = 1"))
+    greeted: list[str] = []
+
+    def link(_arm: object, hello: Hello) -> Link:
+        greeted.append(hello.program)
+        return OfflineLink(hello)
+
+    monkeypatch.setattr("qrobot.cli.run_lockstep.LockstepArm.link", link)
+    monkeypatch.setattr("sys.stdin", io.StringIO("QUIT\n"))
+    monkeypatch.setattr("sys.argv", ["qrobot"])
+    assert run_app(make_app("val"), ["val", "run", "--lockstep", str(file)]) == 0
+    assert run_app(make_app("val"), ["val", "--lockstep", "--load", str(file)]) == 0
+    assert greeted == ["val: stack.v2", "val: monitor"]

@@ -13,6 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from qrobot import rci
+from qrobot.arrays import Floats
 from qrobot.config import load_robot
 from qrobot.config.fences import Fence
 from qrobot.errors import ProgramError, ServoFault
@@ -26,11 +27,18 @@ from qrobot.val.arm import ValArm
 from qrobot.val.interpreter import Interpreter, RunState
 from qrobot.val.monitor import ValMonitor
 from qrobot.val.rccl_arm import RcclArm
-from qrobot.val.source import print_source, read_source
-from qrobot.val.values import numbers_of, transformation
+from qrobot.val.source import SourceFile, print_source, read_source
+from qrobot.val.values import (
+    JointLocation,
+    Transformation,
+    joint_location,
+    numbers_of,
+    stored_numbers,
+    transformation,
+)
 from qrobot.val.workspace import Workspace
 from tests.support.fake_robot import FakeRobot
-from tests.support.puma import PARK
+from tests.support.puma import PARK, ROBOT
 from tests.support.val_runs import EXAMPLES, interpreter, main_program
 
 PLACES = """
@@ -471,6 +479,47 @@ def test_what_was_taught_is_stored_and_read_again() -> None:
         assert again.numbers == {"x": 2.5}
         assert again.locations["#p"] == pytest.approx([0, -45, 180, 0, 45, 0])
         assert print_source(again) == text
+
+
+LENGTHS = st.one_of(st.floats(-3000.0, 3000.0), st.integers(-3000, 3000).map(float))
+TURNS = st.one_of(st.floats(-180.0, 180.0), st.sampled_from([-180.0, -90.0, 0.0, 45.0, 90.0, 180.0]))
+POSES = st.tuples(LENGTHS, LENGTHS, LENGTHS, TURNS, TURNS, TURNS).map(transformation)
+STORED = st.one_of(
+    POSES,
+    st.tuples(POSES, POSES).map(lambda two: Transformation(two[0].T @ two[1].T)),
+    st.lists(TURNS, min_size=6, max_size=6).map(lambda degrees: joint_location(degrees, ROBOT)),
+)
+
+
+@given(STORED)
+def test_a_location_that_is_stored_is_the_same_when_it_is_read_and_stored_again(
+    value: Transformation | JointLocation,
+) -> None:
+    name = "#p" if isinstance(value, JointLocation) else "p"
+    text = print_source(SourceFile(locations={name: stored_numbers(value, ROBOT)}))
+    source, errors = read_source(text)
+    assert errors == []
+    numbers = source.locations[name]
+    back = joint_location(numbers, ROBOT) if isinstance(value, JointLocation) else transformation(numbers)
+    assert np.abs(np.ravel(_array(back) - _array(value))).max() < 1e-9
+    assert print_source(SourceFile(locations={name: stored_numbers(back, ROBOT)})) == text
+
+
+def _array(value: Transformation | JointLocation) -> Floats:
+    return value.q if isinstance(value, JointLocation) else value.T
+
+
+def test_what_rounding_adds_is_not_stored() -> None:
+    steps = [
+        "SET a = TRANS(450, 0, 0, 90, -90, 0):TRANS(0.1, 0.2, 0, 90, -90, 0)",
+        "SET b = SHIFT(a BY 0.2)",
+        "HERE #p",
+    ]
+    with interpreter(main_program(*steps)) as (run, _):
+        run.execute("main")
+        lines = print_source(run.machine.source()).splitlines()
+        places = [line for line in lines if line.startswith(("a ", "b ", "#p "))]
+        assert places == ["#p 0 -45 180 0 45 0", "a 450.1 0.2 0 0 -90 90", "b 450.3 0.2 0 0 -90 90"]
 
 
 def test_a_motion_into_a_fence_is_refused_in_its_words_and_the_next_one_is_done() -> None:

@@ -96,6 +96,12 @@ def test_places_are_taught_listed_stored_and_loaded(tmp_path: Path) -> None:
     assert answers[2:] == ["", "error: there is no location a"]
 
 
+def test_signals_and_analogue_outputs_are_told() -> None:
+    answers = session("", "IO", "DO SIGNAL 3, 2005", "DO DAC 1 = 2.5", "DO DAC 1 = 1.25", "IO")
+    assert answers[0].splitlines()[-1] == "analogue none"
+    assert [line.split(None, 1)[1] for line in answers[-1].splitlines()] == ["3", "none", "2005", "1 1.25 V"]
+
+
 def test_where_tells_place_and_joints_of_the_arm() -> None:
     where = session("", "DO READY", "WHERE")[1]
     assert "o 0.00 a -90.00 t 90.00" in where  # the same as 90, -90, 0: the angles about z add up
@@ -149,7 +155,7 @@ def test_a_mistake_is_answered_and_ends_nothing(line: str) -> None:
 
 def test_signals_and_quit() -> None:
     answers = session("", "DO SIGNAL 3, 2001", "IO")
-    assert answers[1].splitlines() == ["outputs  3", "inputs   none", "internal 2001"]
+    assert answers[1].splitlines() == ["outputs  3", "inputs   none", "internal 2001", "analogue none"]
     with interpreter() as (run, _):
         monitor = ValMonitor(run)
         assert monitor.obey("QUIT") == ""
