@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Callable
 from typing import Annotated, Final, Literal
 
@@ -19,6 +20,7 @@ from qrobot.errors import ConfigError
 from qrobot.servo.memory.law_history import settings_text
 from qrobot.servo.operator.client import ServoClient
 from qrobot.servo.operator.messages import BoardStatus, ServoStatus
+from qrobot.servo.operator.sockets import visitor_label
 
 HELP: Final = """
 Command a running servo by hand: power, stop, pause, speed, clear, law, gains; look at it, or watch it.
@@ -64,6 +66,8 @@ def _do(where: Where | None, act: Callable[[ServoClient], ServoStatus]) -> int:
     where = where or Where()
     with ServoClient(choose_arm(where.deployment, where.arm).name) as servo:
         status = act(servo)
+    if status.commander.startswith(visitor_label(os.getpid())):  # who has let go of the arm by now
+        status = status.model_copy(update={"commander": ""})
     if where.json:
         write_json(status.model_dump())
     else:

@@ -25,6 +25,7 @@ from qrobot.ident.plan import ExcitationPlan, Swing
 from qrobot.log.header import LOCKSTEP, LogHeader, header_for
 from qrobot.log.record import write_log
 from qrobot.rci import TcpLink
+from qrobot.servo.laws import law_label
 from qrobot.servo.memory.telemetry import Rows
 from qrobot.units import US_PER_MS
 
@@ -54,7 +55,7 @@ def record_emulated(
     header = header_for(
         robot,
         settings.period_ns,
-        settings.law,
+        law_label(settings.law),
         LOCKSTEP,
         plant or arm.board.plant,
         settings.velocity,

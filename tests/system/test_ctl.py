@@ -52,7 +52,7 @@ def test_an_arm_is_powered_changed_and_put_away_by_hand(arm: RunningArm) -> None
     assert (status, now["mode"], now["powered"]) == (0, "HOLDING", True)
     before = arm.encoders()
     status, now, _ = ctl(arm, "law", "pd")
-    assert (status, now["law"], now["mode"]) == (0, "pd", "HOLDING")
+    assert (status, now["law"], now["mode"], now["commander"]) == (0, "pd", "HOLDING", "")  # it has let go
     status, now, _ = ctl(arm, "gains", "--kp", *(f"{0.8 * kp}" for kp in now["kp"]))
     assert (status, now["mode"]) == (0, "HOLDING")
     assert max(abs(a - b) for a, b in zip(arm.encoders(), before, strict=True)) <= 1

@@ -35,7 +35,7 @@ from qrobot.servo.operator.messages import (
     encode,
     make_request,
 )
-from qrobot.servo.operator.sockets import connect_to_servo
+from qrobot.servo.operator.sockets import arms_that_run, connect_to_servo
 
 TIMEOUT_S: Final = 30.0
 COMPILE_PATIENCE_S: Final = 300.0  # with a law that has to be compiled, on a busy machine
@@ -44,6 +44,14 @@ STOP_PATIENCE_S: Final = 6.0
 POLL_S: Final = 0.02
 NOTICED_S: Final = 0.25  # [A] within which every program has heard of a pause: two of the longest sample periods
 POWERED_MODES: Final = ("HOLDING", "UNCALIBRATED", "CALIBRATING", "TRACKING")
+
+
+def _nobody(arm: str) -> str:
+    """Sentence about an arm without a servo, which names those that run."""
+    told = f"no servo of {arm} runs here: start it with `qrobot up` or `qrobot servo` (looked in {runtime_path()})"
+    if not (others := arms_that_run()):
+        return told
+    return f"{told}; servos of {', '.join(others)} run: --arm chooses one, of the file that --deployment names"
 
 
 class ServoClient:
@@ -71,9 +79,7 @@ class ServoClient:
             connect_to_servo(arm, self._socket)
         except OSError:
             self._socket.close()
-            raise LinkError(
-                f"no servo of {arm} runs here: start it with `qrobot up` or `qrobot servo` (looked in {runtime_path()})"
-            ) from None
+            raise LinkError(_nobody(arm)) from None
         except QRobotError:
             self._socket.close()
             raise

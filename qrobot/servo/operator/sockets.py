@@ -27,6 +27,7 @@ from qrobot.servo.operator.messages import MAX_LINE_BYTES
 
 MAX_CLIENTS: Final = 16
 MAX_WAITING: Final = 4  # replies that one connection may wait for
+_CONTROL: Final = "-control"
 _CREDENTIALS: Final = struct.Struct("3i")  # struct ucred: pid, uid, gid
 
 RequestHandler = Callable[["OperatorConnection", bytes], bytes | Callable[[], bytes]]
@@ -35,7 +36,31 @@ Farewell = Callable[["OperatorConnection"], None]
 
 def control_name(arm: str) -> str:
     """File name of an arm's control socket in the runtime folder."""
-    return checked_name(f"{arm}-control")
+    return checked_name(f"{arm}{_CONTROL}")
+
+
+def visitor_label(pid: int) -> str:
+    """Name of a process that commands by the control interface, for people."""
+    return f"process {pid} by way of the control interface"
+
+
+def arms_that_run() -> list[str]:
+    """Names of the arms whose servos listen in the runtime folder, in order."""
+    try:
+        with look_into_folder() as folder:
+            named = [name.removesuffix(_CONTROL) for name in os.listdir(folder.fd) if name.endswith(_CONTROL)]
+    except OSError:
+        return []
+    return sorted(arm for arm in named if _listens(arm))
+
+
+def _listens(arm: str) -> bool:
+    with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as connection:
+        try:
+            connect_to_servo(arm, connection)
+        except (OSError, LinkError):
+            return False
+    return True
 
 
 def connect_to_servo(arm: str, connection: socket.socket) -> None:
@@ -89,7 +114,7 @@ class OperatorConnection:
     @property
     def label(self) -> str:
         """Name of the peer, for people."""
-        return f"process {self.pid} by way of the control interface"
+        return visitor_label(self.pid)
 
     def read_lines(self) -> list[bytes] | None:
         """Whole lines that have come; None when the connection is at its end or the line has none."""

@@ -8,14 +8,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from qrobot.cli.arms import choose_arm
 from qrobot.cli.identify_fit import IdentificationTask
 from qrobot.cli.identify_options import FitOptions
-from qrobot.cli.identify_record import read_rows, says_where_it_broke_off
+from qrobot.cli.identify_record import read_rows, record_emulated, says_where_it_broke_off
 from qrobot.config import load_robot
 from qrobot.errors import ConfigError, IdentificationError, LogError, ServoFault
 from qrobot.faultcodes import FaultCode
-from qrobot.ident.plan import Swing
+from qrobot.ident.plan import ExcitationPlan, Swing
 from qrobot.log.header import LogHeader, header_for
+from qrobot.log.read import read_log
 from qrobot.log.record import write_log
 from qrobot.servo.memory.telemetry import TelemetryLayout
 
@@ -86,3 +88,14 @@ def test_a_log_of_before_there_were_digests_is_read_and_one_of_another_geometry_
         IdentificationTask((old,), FitOptions()).identified()
     with pytest.raises(ConfigError, match="are not those that the logs were recorded with"):
         IdentificationTask((other,), FitOptions()).identified()
+
+
+def test_a_recording_names_the_law_of_a_file_without_its_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "soft.py").write_text("")
+    arm = choose_arm("emulator", None)
+    arm = arm.model_copy(update={"servo": arm.servo.model_copy(update={"law": f"{tmp_path}/soft.py:spring"})})
+    monkeypatch.setattr("qrobot.rig.identify.record_lockstep", lambda *_: TelemetryLayout(6).empty(3))
+    record_emulated(arm, PUMA, ExcitationPlan(PUMA.name, (POSE,), 1.0, 1.5), tmp_path / "run.mcap", "nominal", 0, 0.0)
+    assert read_log(tmp_path / "run.mcap").header.law == "soft.py:spring"

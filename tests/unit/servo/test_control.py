@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import contextlib
 import re
+import shutil
 import socket
+import tempfile
 import threading
 import uuid
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -25,6 +28,7 @@ from qrobot.hwif.board_memory import local_board_memory, publish_image
 from qrobot.hwif.image import IMAGE_COUNT, IMAGE_T_NS, make_image
 from qrobot.modecodes import Mode
 from qrobot.realtime.page_faults import FaultWatch
+from qrobot.realtime.runtime_folder import MEMORY_FOLDER
 from qrobot.realtime.structure import view_words
 from qrobot.servo.laws import LAWS, find_law
 from qrobot.servo.laws.law import KP, KV, Law
@@ -39,7 +43,13 @@ from qrobot.servo.operator.board_status import board_status
 from qrobot.servo.operator.client import ServoClient
 from qrobot.servo.operator.messages import MAX_LINE_BYTES, ChangeGains, ChangeLaw, decode_reply, decode_request
 from qrobot.servo.operator.requests import Controls
-from qrobot.servo.operator.sockets import MAX_CLIENTS, ControlSocket, OperatorConnection, connect_to_servo
+from qrobot.servo.operator.sockets import (
+    MAX_CLIENTS,
+    ControlSocket,
+    OperatorConnection,
+    arms_that_run,
+    connect_to_servo,
+)
 from qrobot.servo.process.daemon import _Herald, _run_and_watch, _served
 from qrobot.servo.settings import ServoSettings
 from tests.support.patience import PATIENCE_S, wait_until
@@ -540,6 +550,18 @@ def test_power_off_of_a_hung_servo_tells_that_the_guardian_has_cut_the_power() -
 def test_without_a_servo_the_client_says_what_to_start() -> None:
     with pytest.raises(LinkError, match="no servo of nobody runs here: start it with"):
         ServoClient("nobody")
+
+
+def test_a_client_of_an_arm_without_a_servo_is_told_which_arms_have_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    memory = Path(tempfile.mkdtemp(dir=MEMORY_FOLDER))
+    monkeypatch.setenv("QROBOT_RUNTIME_DIR", str(memory))
+    assert arms_that_run() == []
+    with ControlSocket("right", print, print), ControlSocket("left", print, print):  # type: ignore[arg-type]
+        (memory / "dead-control").touch()
+        assert arms_that_run() == ["left", "right"]
+        with pytest.raises(LinkError, match=r"no servo of puma560 .* servos of left, right run: --arm"):
+            ServoClient("puma560")
+    shutil.rmtree(memory)
 
 
 def exchange(servo: Bench, data: bytes) -> bytes:
