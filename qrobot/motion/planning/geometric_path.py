@@ -12,7 +12,7 @@ from typing import Final
 import numpy as np
 
 from qrobot.arrays import Floats
-from qrobot.errors import MotionError
+from qrobot.errors import JointLimit, MotionError
 from qrobot.model.branch import Branch
 from qrobot.model.transform import inverse
 from qrobot.motion.path.coordinates import JOINTS, Coordinates, DriveCoordinates, GoalRelativeJoints
@@ -21,6 +21,7 @@ from qrobot.motion.planning.queued_motion import QueuedMotion
 from qrobot.motion.request import Displacement, MotionMode, MoveRequest
 from qrobot.motion.world.drive_transform import OrientationInterpolation, drive_parameters
 from qrobot.motion.world.kinematics import ArmKinematics
+from qrobot.motion.world.limits import MotionLimits
 
 PROBES: Final = 17  # where a Cartesian way is looked at
 
@@ -73,7 +74,9 @@ def joint_geometry(via: Floats, target: Floats, tool: Floats | None = None) -> G
     return _linear(JOINTS, via, target, tool)
 
 
-def plan_geometric_path(queued: QueuedMotion, via: Floats, kinematics: ArmKinematics | None) -> GeometricPath:
+def plan_geometric_path(
+    queued: QueuedMotion, via: Floats, kinematics: ArmKinematics | None, limits: MotionLimits
+) -> GeometricPath:
     """The way of `queued` from the joint positions `via` (n,), with its goal where it was seen last.
 
     Raises:
@@ -88,7 +91,7 @@ def plan_geometric_path(queued: QueuedMotion, via: Floats, kinematics: ArmKinema
     present, request = kinematics.branch(via), queued.request
     if request.mode is MotionMode.CARTESIAN:
         _same_branch(request, present)
-        return _straight(DriveCoordinates(queued.tracker, kinematics, present, via, request.turn), tool, via)
+        return _straight(DriveCoordinates(queued.tracker, kinematics, present, via, request.turn), tool, via, limits)
     branch = present if request.branch is None else request.branch
     q = kinematics.inverse(queued.tracker.newest.pose, branch, via, singular=True)
     return _linear(GoalRelativeJoints(queued.tracker, kinematics, branch, q), via - q, np.zeros_like(q), tool)
@@ -119,13 +122,23 @@ def _linear(coordinates: Coordinates, via: Floats, target: Floats, tool: Floats 
     )
 
 
-def _straight(coordinates: DriveCoordinates, via: Floats, q: Floats) -> GeometricPath:
+def _straight(coordinates: DriveCoordinates, via: Floats, q: Floats, limits: MotionLimits) -> GeometricPath:
     """Look at the joints all along the line from `via` (6,), where they are `q` (n,)."""
     places = np.linspace(1.0, 0.0, PROBES)
     joints = np.empty((PROBES, q.size))
     for i, place in enumerate(places):
-        joints[i] = q = coordinates.solve_at(place * via, q)
+        joints[i] = coordinates.solve_at(place * via, q)
+        _check_turns(q, joints[i], limits)
+        q = joints[i]
     step = 1.0 / (PROBES - 1)
     dq_ds = np.array(np.gradient(joints, step, axis=0, edge_order=2))
     ddq_dds = np.array(np.gradient(dq_ds, step, axis=0))
     return GeometricPath(coordinates, via, np.zeros(6), Displacement(joints[-1] - joints[0], via), dq_ds, ddq_dds)
+
+
+def _check_turns(before: Floats, q: Floats, limits: MotionLimits) -> None:
+    """Raise JointLimit when a joint has come to its other end: of the solutions the nearest is out of its range."""
+    turned = np.where(limits.prismatic, 0.0, q - before)
+    j = int(np.abs(turned).argmax())
+    if abs(turned[j]) > np.pi:
+        raise JointLimit(limits.leaving(j, q[j] - np.copysign(2.0 * np.pi, turned[j])))

@@ -119,7 +119,7 @@ class Planner:
 
     def plan_geometry(self, queued: QueuedMotion, via: Floats) -> GeometricPath:
         """The way from the joint positions `via` (n,); raises what `plan_geometric_path` raises."""
-        return plan_geometric_path(queued, via, self._kinematics)
+        return plan_geometric_path(queued, via, self._kinematics, self._limits)
 
     def plan_entry(
         self, queued: QueuedMotion, via: Floats, points: History, clock: float, bounds: TransitionBounds

@@ -36,7 +36,7 @@ def open_apart(link: TcpLink, robot: Robot, clear_fault: bool, blend: Blend, pro
             "open", GeneratorOptions(robot, link.hello, link.address, link.answer_s, clear_fault, blend, cpu)
         )
         task = RemoteTask(robot, welcome.period_us * 1e-6, process, processor)
-        local = cast(TrajectoryTask, task)  # as far as a channel knows it
+        local = cast(TrajectoryTask, task)  # as far as a channel knows it (tests/unit/rccl/test_remote_task.py)
         session = ArmSession(robot.name, remote, local, lambda: RemoteDriver(process, task))
         return Channel(robot, remote, local, session=session, calls_functions=False).start()
     except BaseException as error:

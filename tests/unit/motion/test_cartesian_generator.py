@@ -230,6 +230,22 @@ def test_a_goal_that_turns_a_joint_to_its_limit_is_left_before_it() -> None:
     assert_stopped_within_limits(outputs)
 
 
+@pytest.mark.parametrize("seconds", [0.5, 60.0])
+@pytest.mark.parametrize("way", [-1.0, 1.0])
+def test_a_line_on_which_a_joint_comes_to_the_end_of_its_range_is_refused_whatever_its_time(way, seconds) -> None:
+    """At the goal the flange has another solution, a whole turn away: no way leads there in a straight line."""
+    start = np.array(PARK)
+    start[5] = LIMITS.q_max[5] - 0.2 if way > 0 else LIMITS.q_min[5] + 0.2
+    gen = puma_generator(start)
+    stands = Trsf("STANDS", TransformKind.CONST, arm().forward(start))
+    goal = Equation("ROUND", (T6,), (stands, shift(turn=0.5 * way)), T6)
+    with pytest.raises(JointLimit, match=r"move to ROUND: joint 6 \(flange\) at \S+ deg would leave its range"):
+        gen.push(to(goal, speed=Duration(seconds)))
+    assert not gen.busy
+    gen.push(to(Equation("BACK", (T6,), (stands, shift(turn=-0.5 * way)), T6)))
+    assert ended(list(run(gen)))[-1][1] == DONE
+
+
 def test_a_frame_that_jumps_during_a_segment_ends_it_with_too_fast_and_drops_what_waits() -> None:
     belt = Conveyor(lambda t: (0.0, 0.0 if t < 1.0 else 0.1, 0.0, 0.0))
     gen = puma_generator()
