@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
 from typing import Any, Final
 
 from qrobot.arcl import (
@@ -41,18 +40,13 @@ from qrobot.errors import LinkError, QRobotError
 from qrobot.model.arm import Arm
 from qrobot.model.transform import inverse
 from qrobot.units import S_PER_MS
-from qrobot.val.arm import SETTLING_S, TURN_PER_MM, Destination
+from qrobot.val.arm import TURN_PER_MM, Destination
+from qrobot.val.library_arm import LibraryArm, MotionUnderWay
 
 STOP_MS: Final = 1  # as soon as the arm can
 
 
-@dataclass(frozen=True, eq=False)
-class _Going:
-    destination: Destination
-    motion: Motion
-
-
-class ArclArm:
+class ArclArm(LibraryArm[Motion]):
     """A `ValArm` over a robot that ARCL has opened; its errors come here, by `arcl_errproc`.
 
     Args:
@@ -61,15 +55,11 @@ class ArclArm:
     """
 
     def __init__(self, robot: Robot, rp: ArclRobot) -> None:
+        super().__init__()
         self.robot = robot
         self._rp, self._zero = rp, rp.aki.zero
         self._T_arcl_base = rp.aki.forward(rp.aki.zero * 0.0) @ inverse(Arm(robot).forward(rp.aki.zero))
         self._outputs = rp.lines[1]
-        self._going: list[_Going] = []
-        self._stopped: list[Destination] = []
-        self._failure = ""
-        self._rest_since_s: float | None = None
-        self._override = 100.0
         arcl_errproc(self._note)
         rp.keep_path()
         rp.expect_more()  # else each motion would be faster than its SPEED, by the time of its transitions
@@ -111,45 +101,13 @@ class ArclArm:
         self._look()
         return sum(not going.motion.begun for going in self._going)
 
-    @property
-    def idle(self) -> bool:
-        """See `ValArm`; the last setpoints are still under way when a motion is completed."""
-        if self.off_path or self._rp.busy:
-            self._rest_since_s = None
-        elif self._rest_since_s is None:
-            self._rest_since_s = self.time_s
-        return self._rest_since_s is not None and self.time_s - self._rest_since_s >= SETTLING_S
-
-    @property
-    def override(self) -> float:
-        """See `ValArm`."""
-        return self._override
-
-    @override.setter
-    def override(self, percent: float) -> None:
-        """Raises MotionError: that is no percentage."""
-        self._rp.override(percent)
-        self._override = percent
-
     def move(self, destination: Destination) -> None:
         """See `ValArm`. ARCL tells what cannot be done when its turn comes, so it is asked before."""
         pos, attributes = self._position(destination), _attributes(destination)
         self._rp.judge(pos, *attributes)
         self._rest_since_s = None
         self._look()
-        self._going.append(_Going(destination, self._rp.move(pos, *attributes)))
-
-    def unfinished(self) -> list[Destination]:
-        """See `ValArm`."""
-        self._look()
-        stopped, self._stopped = self._stopped, []
-        going, self._going = self._going, []
-        return stopped + [each.destination for each in going]
-
-    def failure(self) -> str:
-        """See `ValArm`."""
-        failure, self._failure = self._failure, ""
-        return failure
+        self._going.append(MotionUnderWay(destination, self._rp.move(pos, *attributes)))
 
     def stop(self) -> None:
         """See `ValArm`."""
@@ -211,8 +169,13 @@ class ArclArm:
         goal = new_trans_value(destination.name, self._T_arcl_base @ destination.T_robot_tool)
         return makeposition(destination.name, T6, tool, EQ, goal, TL, tool)
 
+    def _moves(self) -> bool:
+        return self._rp.busy
+
+    def _set_override(self, percent: float) -> None:
+        self._rp.override(percent)
+
     def _look(self) -> None:
-        """Take note of motions that have ended."""
         ended = [each for each in self._going if each.motion.code is not None]
         self._going = [each for each in self._going if each.motion.code is None]
         self._stopped += [each.destination for each in ended if each.motion.code is not Event.EVENT_DONE]

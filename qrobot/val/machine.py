@@ -11,7 +11,7 @@ from qrobot.arrays import Floats
 from qrobot.errors import JointLimit, MotionError, ProgramError, TooFast, Unreachable
 from qrobot.model.branch import Branch, branch_of
 from qrobot.val.arm import Destination, ValArm
-from qrobot.val.number_ranges import FILES_OWN, timer
+from qrobot.val.number_ranges import FILES_OWN, TIMER
 from qrobot.val.parser import parse_variable
 from qrobot.val.source import SourceFile, stored_name
 from qrobot.val.tree import NumberLiteral, ValProgram, VariableName
@@ -57,7 +57,7 @@ class Machine:
         self.hand_at_next: bool | None = None
         self.analog: dict[int, float] = {}
         self._internal: set[int] = set()
-        self._timers: dict[int, float] = {}
+        self._timers: dict[float, float] = {}
         self._random = 1
         self.reset_manner()
 
@@ -153,7 +153,7 @@ class Machine:
     def number_function(self, name: str, arguments: Sequence[float]) -> float:
         """See `Surroundings`."""
         if name == "TIMER":
-            return self.arm.time_s - self._timers.get(timer(arguments[0]), 0.0)
+            return self.arm.time_s - self._timers.get(TIMER.check(arguments[0]), 0.0)
         if name == "SPEED":
             return self.arm.override if arguments[:1] == [1.0] else self.speed
         self._random = (self._random * _MULTIPLIER + _INCREMENT) % (1 << _BITS)
@@ -161,7 +161,7 @@ class Machine:
 
     def set_timer(self, number: float, seconds: float) -> None:
         """Let a timer stand at `seconds` now. Raises ProgramError: no such timer."""
-        self._timers[timer(number)] = self.arm.time_s - seconds
+        self._timers[TIMER.check(number)] = self.arm.time_s - seconds
 
     def pose_of(self, location: Transformation | JointLocation) -> Floats:
         """See `Surroundings`."""

@@ -32,21 +32,21 @@ def _no_effect(_run: Interpreter, task: ValTask, *numbers: tree.Expression) -> N
 
 
 def _set_speed(run: Interpreter, task: ValTask, action: tree.SpeedSetting) -> None:
-    speed = number_ranges.speed(number_of(action.value, task))
+    speed = number_ranges.SPEED.check(number_of(action.value, task))
     run.machine.next_speed = (speed, action.in_mm_s)
     if action.always:
         run.machine.speed, run.machine.in_mm_s = speed, action.in_mm_s
 
 
 def _parameter(run: Interpreter, task: ValTask, action: tree.ParameterSetting) -> None:
-    value = number_of(action.value, task)
-    if action.name == "COLLISION":
-        run.machine.tell_collisions(number_ranges.collision(value), run.machine.switches["COMPLY"])
-        return
-    if action.name == "RETRACT":
-        run.machine.arm.retract(number_ranges.retract(value))
-        return
-    run.machine.hand_time_s = number_ranges.hand_time(value)
+    value = number_ranges.PARAMETER_RANGES[action.name].check(number_of(action.value, task))
+    match action.name:
+        case "COLLISION":
+            run.machine.tell_collisions(value, run.machine.switches["COMPLY"])
+        case "RETRACT":
+            run.machine.arm.retract(value)
+        case "HAND.TIME":
+            run.machine.hand_time_s = value
 
 
 def _switch(run: Interpreter, _task: ValTask, action: tree.SwitchSetting) -> None:

@@ -59,11 +59,11 @@ def _go(run: Interpreter, name: str, location: Transformation | JointLocation, s
 def _drive(run: Interpreter, task: ValTask, *numbers: tree.Expression) -> Waits:
     joint, by, speed = (number_of(number, task) for number in numbers)
     machine = run.machine
-    axis = number_ranges.joint(joint, machine.robot.n) - 1
+    axis = int(number_ranges.joint(machine.robot.n).check(joint)) - 1
     yield from wait_for_arrival(run, task)
     q = machine.arm.q
     q[axis] += by * joint_units(machine.robot)[axis]
-    machine.next_speed = (number_ranges.speed(speed), False)
+    machine.next_speed = (number_ranges.SPEED.check(speed), False)
     yield from _go(run, "DRIVE", JointLocation(q), False)
 
 
@@ -79,7 +79,7 @@ def _ready(run: Interpreter, _task: ValTask) -> Waits:
 
 
 def _delay(run: Interpreter, task: ValTask, seconds: tree.Expression) -> Waits:
-    length = number_ranges.delay(number_of(seconds, task))
+    length = number_ranges.DELAY.check(number_of(seconds, task))
     yield from wait_for_arrival(run, task)
     end = run.machine.arm.time_s + length
     yield lambda: run.machine.arm.time_s >= end

@@ -1,8 +1,10 @@
-"""Numbers that steps take. Each function raises ProgramError for one that it does not, else it gives the number."""
+"""Ranges of the numbers that steps take."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Final
 
 from qrobot.errors import ProgramError
@@ -17,76 +19,62 @@ FILES_OWN: Final = 100.0  # percent of the thresholds of a collision in the robo
 MOST_TIMERS: Final = 15
 
 
-def speed(value: float) -> float:
-    """The number of a SPEED or a DRIVE."""
-    if not 0.0 < value <= FASTEST:
-        raise ProgramError(f"SPEED: a number above 0 and up to {FASTEST:g} is needed, not {value:g}")
-    return value
+@dataclass(frozen=True)
+class NumberRange:
+    """Numbers that a step takes, ends included.
+
+    Attributes:
+        said: of the numbers that it takes, for messages.
+        least, most: ends.
+        whole: it takes whole numbers only.
+    """
+
+    said: str
+    least: float
+    most: float
+    whole: bool = False
+
+    def check(self, number: float) -> float:
+        """The number itself. Raises ProgramError for one outside, or not whole."""
+        if not self.least <= number <= self.most or (self.whole and number != int(number)):
+            raise ProgramError(f"{self.said}, not {number:g}")
+        return number
 
 
-def delay(seconds: float) -> float:
-    """The number of a DELAY."""
-    if not 0.0 <= seconds <= LONGEST_DELAY_S:
-        raise ProgramError(f"DELAY: expected 0 to {LONGEST_DELAY_S:.0f} seconds, not {seconds:g}")
-    return seconds
+SPEED: Final = NumberRange(
+    f"SPEED: a number above 0 and up to {FASTEST:g} is needed", math.nextafter(0.0, 1.0), FASTEST
+)  # of DRIVE too
+DELAY: Final = NumberRange(f"DELAY: expected 0 to {LONGEST_DELAY_S:.0f} seconds", 0.0, LONGEST_DELAY_S)
+TIMER: Final = NumberRange(f"timers are 0 to {MOST_TIMERS}", 0, MOST_TIMERS, whole=True)
+PARAMETER_RANGES: Final = {
+    "HAND.TIME": NumberRange(f"HAND.TIME is 0 to {LONGEST_HAND_TIME_S:g} s", 0.0, LONGEST_HAND_TIME_S),
+    "COLLISION": NumberRange(f"COLLISION is {LEAST_COLLISION:g} to {FILES_OWN:g} per cent", LEAST_COLLISION, FILES_OWN),
+    "RETRACT": NumberRange(f"RETRACT is 0 to {MOST_BACK_MM:g} mm", 0.0, MOST_BACK_MM),
+}
 
 
-def joint(number: float, joints: int) -> int:
-    """The joint of a DRIVE, from 1."""
-    if number != int(number) or not 1 <= number <= joints:
-        raise ProgramError(f"DRIVE: joints are 1 to {joints}, not {number:g}")
-    return int(number)
-
-
-def timer(number: float) -> int:
-    """The number of a timer."""
-    if number != int(number) or not 0 <= number <= MOST_TIMERS:
-        raise ProgramError(f"timers are 0 to {MOST_TIMERS}, not {number:g}")
-    return int(number)
-
-
-def hand_time(seconds: float) -> float:
-    """The number of PARAMETER HAND.TIME."""
-    if not 0.0 <= seconds <= LONGEST_HAND_TIME_S:
-        raise ProgramError(f"HAND.TIME is 0 to {LONGEST_HAND_TIME_S:g} s, not {seconds:g}")
-    return seconds
-
-
-def collision(percent: float) -> float:
-    """The number of PARAMETER COLLISION."""
-    if not LEAST_COLLISION <= percent <= FILES_OWN:
-        raise ProgramError(f"COLLISION is {LEAST_COLLISION:g} to {FILES_OWN:g} per cent, not {percent:g}")
-    return percent
-
-
-def retract(mm: float) -> float:
-    """The number of PARAMETER RETRACT."""
-    if not 0.0 <= mm <= MOST_BACK_MM:
-        raise ProgramError(f"RETRACT is 0 to {MOST_BACK_MM:g} mm, not {mm:g}")
-    return mm
+def joint(joints: int) -> NumberRange:
+    """The range of the joint of a DRIVE, of an arm that has so many."""
+    return NumberRange(f"DRIVE: joints are 1 to {joints}", 1, joints, whole=True)
 
 
 def check_numbers(action: tree.StepAction, joints: int, constant: Callable[[tree.Expression], float | None]) -> None:
     """Raise ProgramError for a number that the action does not take; `constant` gives its value, None if unknown."""
 
-    def look(check: Callable[[float], float], expression: tree.Expression | None) -> None:
+    def look(numbers: NumberRange, expression: tree.Expression | None) -> None:
         value = None if expression is None else constant(expression)
         if value is not None:
-            check(value)
+            numbers.check(value)
 
     match action:
         case tree.SpeedSetting(value=value):
-            look(speed, value)
+            look(SPEED, value)
         case tree.Instruction(word="DELAY", arguments=(seconds,)):
-            look(delay, seconds)
+            look(DELAY, seconds)
         case tree.Instruction(word="DRIVE", arguments=(number, _, share)):
-            look(lambda each: joint(each, joints), number)
-            look(speed, share)
+            look(joint(joints), number)
+            look(SPEED, share)
         case tree.NumberedAssignment(word="TIMER", number=number):
-            look(timer, number)
-        case tree.ParameterSetting(name="HAND.TIME", value=value):
-            look(hand_time, value)
-        case tree.ParameterSetting(name="COLLISION", value=value):
-            look(collision, value)
-        case tree.ParameterSetting(name="RETRACT", value=value):
-            look(retract, value)
+            look(TIMER, number)
+        case tree.ParameterSetting(name=name, value=value):
+            look(PARAMETER_RANGES[name], value)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -11,7 +10,8 @@ from qrobot.arrays import Floats
 from qrobot.motion import Termination
 from qrobot.rccl import EQ, TL, Channel, Position, Transform, makeposition, newtrans, t6
 from qrobot.units import DEG_PER_RAD, S_PER_MS
-from qrobot.val.arm import SETTLING_S, TURN_PER_MM, Destination
+from qrobot.val.arm import TURN_PER_MM, Destination
+from qrobot.val.library_arm import LibraryArm, MotionUnderWay
 
 _WORDS: Final = {
     Termination.JOINT_LIMIT: "a joint would leave its range",
@@ -22,13 +22,7 @@ _WORDS: Final = {
 }
 
 
-@dataclass(frozen=True, eq=False)
-class _Motion:
-    destination: Destination
-    position: Position
-
-
-class RcclArm:
+class RcclArm(LibraryArm[Position]):
     """A `ValArm` over a channel of RCCL.
 
     Args:
@@ -36,15 +30,11 @@ class RcclArm:
     """
 
     def __init__(self, channel: Channel) -> None:
+        super().__init__()
         self.robot = channel.robot
         self._channel = channel
         channel.keep_path()
         self._radians = np.where(self.robot.prismatic, S_PER_MS, 1.0 / DEG_PER_RAD)  # of mm and degrees
-        self._motions: list[_Motion] = []
-        self._failure = ""
-        self._rest_since_s: float | None = None
-        self._stopped: list[Destination] = []
-        self._override = 100.0
 
     @property
     def time_s(self) -> float:
@@ -81,26 +71,6 @@ class RcclArm:
         """See `ValArm`."""
         return self._channel.nbrequest
 
-    @property
-    def idle(self) -> bool:
-        """See `ValArm`; the last setpoints are still under way when a motion is completed."""
-        if self.off_path or self._channel.completed.count == 0:
-            self._rest_since_s = None
-        elif self._rest_since_s is None:
-            self._rest_since_s = self.time_s
-        return self._rest_since_s is not None and self.time_s - self._rest_since_s >= SETTLING_S
-
-    @property
-    def override(self) -> float:
-        """See `ValArm`."""
-        return self._override
-
-    @override.setter
-    def override(self, percent: float) -> None:
-        """Raises MotionError: that is no percentage."""
-        self._channel.override(percent)
-        self._override = percent
-
     def move(self, destination: Destination) -> None:
         """See `ValArm`."""
         channel, self._rest_since_s = self._channel, None
@@ -113,20 +83,7 @@ class RcclArm:
         position = self._position(destination)
         channel.move(position)
         self._look()
-        self._motions.append(_Motion(destination, position))
-
-    def unfinished(self) -> list[Destination]:
-        """See `ValArm`."""
-        self._look()
-        stopped, self._stopped = self._stopped, []
-        motions, self._motions = self._motions, []
-        return stopped + [motion.destination for motion in motions]
-
-    def failure(self) -> str:
-        """See `ValArm`."""
-        self._look()
-        failure, self._failure = self._failure, ""
-        return failure
+        self._going.append(MotionUnderWay(destination, position))
 
     def stop(self) -> None:
         """See `ValArm`."""
@@ -181,17 +138,22 @@ class RcclArm:
         goal, tool = _constant(destination.name, destination.T_robot_tool), _constant("TOOL", destination.T_last_tool)
         return makeposition(destination.name, t6, tool, EQ, goal, TL, tool)
 
+    def _moves(self) -> bool:
+        return self._channel.completed.count == 0
+
+    def _set_override(self, percent: float) -> None:
+        self._channel.override(percent)
+
     def _look(self) -> None:
-        """Take note of motions that have ended."""
         going = []
-        for motion in self._motions:
-            if motion.position.end.count == 0:
-                going.append(motion)
-            elif motion.position.code != Termination.COMPLETED:
-                self._stopped.append(motion.destination)
-                if reason := motion.position.why or _WORDS.get(Termination(motion.position.code)):
-                    self._failure = self._failure or f"the motion to {motion.destination.name} ended: {reason}"
-        self._motions = going
+        for each in self._going:
+            if each.motion.end.count == 0:
+                going.append(each)
+            elif each.motion.code != Termination.COMPLETED:
+                self._stopped.append(each.destination)
+                if reason := each.motion.why or _WORDS.get(Termination(each.motion.code)):
+                    self._failure = self._failure or f"the motion to {each.destination.name} ended: {reason}"
+        self._going = going
 
 
 def _constant(name: str, value: Floats) -> Transform:
