@@ -3,15 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import NoReturn, TypeAlias
 
+from qrobot.cli.arms import robot_of_arm
 from qrobot.config.deployment import DeployedArm
 from qrobot.errors import ConfigError
-from qrobot.rci import LinkFactory
+from qrobot.rci import LinkFactory, TcpLink
 from qrobot.wire import Hello
 
 ArmLinks: TypeAlias = LinkFactory | dict[str, LinkFactory]
 """Ways for whatever a program names; or, of several arms, by their names and by the addresses of their bridges."""
+
+
+def link_of(arm: DeployedArm, offline: bool = False) -> LinkFactory:
+    """The way to the bridge of an arm of a deployment file; `offline` to an ideal arm in this process."""
+    if offline:
+        from qrobot.rccl.offline import OfflineLink
+
+        return partial(OfflineLink, robot=robot_of_arm(arm))
+    address = arm.bridge.host, arm.bridge.port
+    return lambda hello: TcpLink(hello, address)
 
 
 def links_of(arms: Sequence[DeployedArm], link: Callable[[DeployedArm], LinkFactory]) -> ArmLinks:

@@ -15,7 +15,6 @@ if TYPE_CHECKING:
 
     from qrobot.config import Robot
     from qrobot.rccl.setpoints import Setpoints
-    from qrobot.rci import LinkFactory
 
 
 def guide(
@@ -51,15 +50,14 @@ def guide(
     arm
         Which arm of the file; may be left out when there is only one.
     """
+    from qrobot.cli.arm_links import link_of
     from qrobot.rccl.database import DataBase
     from qrobot.rccl.guiding import GuidedArm
     from qrobot.rccl.led_by_key import KEYS, LedByKey
-    from qrobot.rci import TcpLink
 
     chosen = choose_arm(deployment, arm)
-    factory: LinkFactory = lambda hello: TcpLink(hello, (chosen.bridge.host, chosen.bridge.port))  # noqa: E731
     say = lambda line: out.print(line, markup=False, soft_wrap=True)  # noqa: E731
-    with single_keys("guide") as keys, GuidedArm(factory, chosen.robot) as led:
+    with single_keys("guide") as keys, GuidedArm(link_of(chosen), chosen.robot) as led:
         out.print(KEYS, markup=False)
         LedByKey(led, keys.read, say, None if places is None else DataBase(places)).run()
     if record is not None:

@@ -12,6 +12,7 @@ import numpy as np
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from qrobot import rccl
+from qrobot.cli.arm_links import link_of
 from qrobot.cli.arms import controlled_robot, servo_settings
 from qrobot.cli.console import err, note
 from qrobot.cli.logs import read_and_warn
@@ -24,7 +25,6 @@ from qrobot.ident.perform import perform
 from qrobot.ident.plan import ExcitationPlan, Swing
 from qrobot.log.header import LOCKSTEP, LogHeader, header_for
 from qrobot.log.record import write_log
-from qrobot.rci import TcpLink
 from qrobot.servo.laws import law_label
 from qrobot.servo.memory.telemetry import Rows
 from qrobot.units import US_PER_MS
@@ -69,12 +69,11 @@ def record_emulated(
 
 def record_running(arm: DeployedArm, robot: Robot, plan: ExcitationPlan | Excitation, output: Path, first: int) -> None:
     """The same on the running arm: setpoints go over its bridge, the log is taken from its servo's memory."""
-    address = arm.bridge.host, arm.bridge.port
     with (
         _recording(arm, robot, output),
         _bar(plan) as told,
         says_where_it_broke_off(told) as told_and_kept,
-        rccl.use(lambda hello: TcpLink(hello, address)),
+        rccl.use(link_of(arm)),
         rccl.control(arm.robot) as channel,
     ):
         perform(channel, robot, plan, told_and_kept, first)

@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from qrobot.cli.arms import DEFAULT_DEPLOYMENT, choose_arm, inside_fences, robot_of_arm
+from qrobot.cli.arms import DEFAULT_DEPLOYMENT, choose_arm, inside_fences
 from qrobot.cli.console import out
 from qrobot.errors import ConfigError
 
@@ -60,16 +60,12 @@ def jog(
     arm
         Which arm of the file; may be left out when there is only one.
     """
+    from qrobot.cli.arm_links import link_of
     from qrobot.rccl.connect import open_channel
     from qrobot.rccl.hold_to_run import KEYS, HeldJog
-    from qrobot.rccl.offline import OfflineLink
-    from qrobot.rci import TcpLink
 
     chosen = choose_arm(deployment, arm)
-    factory: LinkFactory = lambda hello: TcpLink(hello, (chosen.bridge.host, chosen.bridge.port))  # noqa: E731
-    if offline:
-        robot = robot_of_arm(chosen)
-        factory = lambda hello: OfflineLink(hello, robot)  # noqa: E731
+    factory = link_of(chosen, offline)
     if stick is not None:
         _jog_by_stick(Path(stick), chosen, factory)
         return

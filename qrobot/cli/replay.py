@@ -72,6 +72,7 @@ def replay(
     json
         Print JSON: of each joint the largest error, rad (m).
     """
+    from qrobot.cli.arm_links import link_of
     from qrobot.motion import motion_limits
     from qrobot.rccl.connect import open_channel
     from qrobot.rccl.position import Position
@@ -84,7 +85,7 @@ def replay(
         note(f"wrote {save_as}")
         return
     setpoints.check(motion_limits(robot_of_arm(chosen)), str(file))
-    factory = _lockstep_links(chosen, setpoints.period_us) if lockstep else _bridge_links(chosen)
+    factory = _lockstep_links(chosen, setpoints.period_us) if lockstep else link_of(chosen)
     period_ms = setpoints.period_us / US_PER_MS
     with inside_fences(chosen), open_channel(factory, chosen.robot, period_ms) as channel:
         if approach:
@@ -109,12 +110,6 @@ def _made_up(files: list[Path], smooth_mm: float | None, robot: Robot) -> Setpoi
     if smooth_mm is not None:
         parts = [smoothed(part, robot, smooth_mm * M_PER_MM) for part in parts]
     return joined(parts, robot) if len(parts) > 1 else parts[0]
-
-
-def _bridge_links(arm: DeployedArm) -> LinkFactory:
-    from qrobot.rci import TcpLink
-
-    return lambda hello: TcpLink(hello, (arm.bridge.host, arm.bridge.port))
 
 
 def _lockstep_links(arm: DeployedArm, period_us: int) -> LinkFactory:

@@ -6,7 +6,7 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
-from qrobot.cli.arms import DEFAULT_DEPLOYMENT, choose_arm, inside_fences, robot_of_arm
+from qrobot.cli.arms import DEFAULT_DEPLOYMENT, choose_arm, inside_fences
 from qrobot.cli.console import out
 from qrobot.cli.option_types import OutputFile
 from qrobot.errors import ConfigError, error_text
@@ -43,21 +43,16 @@ def teach(
     arm
         Which arm of the file; may be left out when there is only one.
     """
+    from qrobot.cli.arm_links import link_of
     from qrobot.rccl.connect import open_channel
     from qrobot.rccl.database import DataBase
-    from qrobot.rccl.offline import OfflineLink
     from qrobot.rccl.teach import Teacher
-    from qrobot.rci import LinkFactory, TcpLink
 
     lines = _typed() if script is None else iter(_script(script))
     taught = DataBase(database)
     taught.check()  # better now than when the arm is in place
     chosen = choose_arm(deployment, arm)
-    factory: LinkFactory = lambda hello: TcpLink(hello, (chosen.bridge.host, chosen.bridge.port))  # noqa: E731
-    if offline:
-        robot = robot_of_arm(chosen)
-        factory = lambda hello: OfflineLink(hello, robot)  # noqa: E731
-    with inside_fences(chosen), open_channel(factory, chosen.robot) as channel:
+    with inside_fences(chosen), open_channel(link_of(chosen, offline), chosen.robot) as channel:
         teacher = Teacher(channel, taught)
         for line in lines:
             if answer := teacher.obey(line):

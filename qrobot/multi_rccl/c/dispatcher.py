@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from functools import partial
 from typing import Any, Final, TypeAlias
 
@@ -19,7 +18,8 @@ from qrobot.multi_rccl.manip import Manip
 from qrobot.multi_rccl.positions import TRANS, make_position
 from qrobot.multi_rccl.program import ManipProgram
 from qrobot.multi_rccl.robot_manip import RobotManip
-from qrobot.rccl.c.dispatcher import FIELDS, OBJECTS, CallReply
+from qrobot.rccl.c.call_row import OBJECT_CALLS, CallReply, CallRow
+from qrobot.rccl.c.dispatcher import FIELDS, OBJECTS
 from qrobot.rccl.c.object_registry import ObjectRegistry, UnknownError
 from qrobot.rccl.c.recorded_transforms import RecordedTransforms
 from qrobot.rccl.c.shared import SharedTransform
@@ -279,69 +279,46 @@ OTHER_RELEASE: Final = (
     "this is a call of RCCL 1.0 in a program of Multi-RCCL: compile all files of a program for one release "
     "(`qrobot cc --release`)"
 )
-ManipHandler: TypeAlias = Callable[[ManipDispatcher, CallMessage], CallReply]
-
-
-@dataclass(frozen=True)
-class ManipCallRow:
-    """A row of the table below.
-
-    Attributes:
-        handler: does what is asked.
-        waits: it lets samples pass, or takes or releases an arm, so no function that is called at a sample may ask it.
-    """
-
-    handler: ManipHandler
-    waits: bool = False
-
-
-def _world(call: Callable[[ObjectRegistry, CallMessage], CallReply]) -> ManipCallRow:
-    """A call about transforms and positions."""
-    return ManipCallRow(lambda dispatcher, message: call(dispatcher.objects, message))
-
-
-def _recorded(call: Callable[[RecordedTransforms, CallMessage], CallReply]) -> ManipCallRow:
-    """A call about the data base."""
-    return ManipCallRow(lambda dispatcher, message: call(dispatcher.recorded, message))
+ManipCallRow: TypeAlias = CallRow[ManipDispatcher]
 
 
 def _plain(call: Callable[..., None]) -> ManipCallRow:
     """A call of a manipulator with nothing else."""
-    return ManipCallRow(lambda dispatcher, message: call(dispatcher.manip(message)))
+    return CallRow(lambda dispatcher, message: call(dispatcher.manip(message)))
 
 
 def _to(call: Callable[..., None]) -> ManipCallRow:
     """A call of a manipulator with a position."""
-    return ManipCallRow(lambda dispatcher, message: call(
+    return CallRow(lambda dispatcher, message: call(
         dispatcher.manip(message), dispatcher.objects.position(message.refs[0])
     ))  # fmt: skip
 
 
 def _numbers(call: Callable[..., None], count: int) -> ManipCallRow:
     """A call of a manipulator with so many numbers."""
-    return ManipCallRow(lambda dispatcher, message: call(dispatcher.manip(message), *message.numbers[:count]))
+    return CallRow(lambda dispatcher, message: call(dispatcher.manip(message), *message.numbers[:count]))
 
 
 def _word(call: Callable[..., None]) -> ManipCallRow:
     """A call of a manipulator with a text."""
-    return ManipCallRow(lambda dispatcher, message: call(dispatcher.manip(message), message.text))
+    return CallRow(lambda dispatcher, message: call(dispatcher.manip(message), message.text))
 
 
 def _directions(call: Callable[..., None]) -> ManipCallRow:
     """A call of a manipulator with names of directions, and a number for each."""
-    return ManipCallRow(lambda dispatcher, message: call(
+    return CallRow(lambda dispatcher, message: call(
         dispatcher.manip(message), message.text, *message.numbers[: message.n]
     ))  # fmt: skip
 
 
 CALLS: Final[dict[Op, ManipCallRow]] = {
     # manipulators
-    Op.MANIP_OPEN: ManipCallRow(ManipDispatcher.open, waits=True),
-    Op.CONTROL: ManipCallRow(ManipDispatcher.control, waits=True),
-    Op.RELEASE: ManipCallRow(ManipDispatcher.release, waits=True),
-    Op.NEXT_SAMPLE: ManipCallRow(ManipDispatcher.next_sample, waits=True),
+    Op.MANIP_OPEN: CallRow(ManipDispatcher.open, waits=True),
+    Op.CONTROL: CallRow(ManipDispatcher.control, waits=True),
+    Op.RELEASE: CallRow(ManipDispatcher.release, waits=True),
+    Op.NEXT_SAMPLE: CallRow(ManipDispatcher.next_sample, waits=True),
     Op.MOVE: _to(calls.move),
-    Op.STOP: ManipCallRow(ManipDispatcher.stop),
+    Op.STOP: CallRow(ManipDispatcher.stop),
     Op.MAINTAIN: _to(calls.maintain),
     Op.TRACKING_MODE: _plain(calls.tracking_mode),
     Op.CANCEL: _numbers(calls.cancel, 1),
@@ -353,31 +330,22 @@ CALLS: Final[dict[Op, ManipCallRow]] = {
     Op.DISTANCE: _directions(calls.distance),
     Op.LIMIT: _directions(calls.limit),
     Op.COMPLY: _directions(calls.comply),
-    Op.EVALFN: ManipCallRow(ManipDispatcher.evalfn),
-    Op.HAND: ManipCallRow(ManipDispatcher.hand),
+    Op.EVALFN: CallRow(ManipDispatcher.evalfn),
+    Op.HAND: CallRow(ManipDispatcher.hand),
     Op.OVERRIDE: _numbers(calls.override, 1),
     Op.PAUSE: _plain(calls.pause),
     Op.RETRACT: _numbers(calls.retract, 1),
-    Op.COLLISION: ManipCallRow(ManipDispatcher.collision, waits=True),
-    Op.SETLOAD: ManipCallRow(ManipDispatcher.setload, waits=True),
-    Op.UPDATE: ManipCallRow(ManipDispatcher.update),
-    Op.TEACH: ManipCallRow(ManipDispatcher.teach, waits=True),
-    Op.KEEP_PATH: ManipCallRow(ManipDispatcher.keep_path),
-    Op.KEPT: ManipCallRow(ManipDispatcher.kept),
+    Op.COLLISION: CallRow(ManipDispatcher.collision, waits=True),
+    Op.SETLOAD: CallRow(ManipDispatcher.setload, waits=True),
+    Op.UPDATE: CallRow(ManipDispatcher.update),
+    Op.TEACH: CallRow(ManipDispatcher.teach, waits=True),
+    Op.KEEP_PATH: CallRow(ManipDispatcher.keep_path),
+    Op.KEPT: CallRow(ManipDispatcher.kept),
     Op.RESUME: _plain(calls.resume),
     # transforms and positions
-    Op.MAKE_POSITION: ManipCallRow(ManipDispatcher.make_position),
-    Op.JPOSITION: ManipCallRow(ManipDispatcher.jposition),
-    Op.POSE: ManipCallRow(ManipDispatcher.pose),
-    Op.NEWTRANS: _world(ObjectRegistry.newtrans),
-    Op.FREETRANS: _world(ObjectRegistry.freetrans),
-    Op.FREEPOS: _world(ObjectRegistry.freepos),
-    Op.MAKE: _world(ObjectRegistry.make),
-    Op.TRMULT: _world(ObjectRegistry.trmult),
-    Op.INVERT: _world(ObjectRegistry.invert),
-    Op.MAKEDB: _recorded(RecordedTransforms.makedb),
-    Op.GETR: _recorded(RecordedTransforms.getr),
-    Op.SAVER: _recorded(RecordedTransforms.saver),
-    Op.DUMPDB: _recorded(RecordedTransforms.dumpdb),
+    Op.MAKE_POSITION: CallRow(ManipDispatcher.make_position),
+    Op.JPOSITION: CallRow(ManipDispatcher.jposition),
+    Op.POSE: CallRow(ManipDispatcher.pose),
+    **OBJECT_CALLS,
 }
 """Every call that a message of a program asks for."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Final, TypeAlias
 
 import numpy as np
@@ -14,6 +13,7 @@ from qrobot.c_transport.program_link import ProgramLink
 from qrobot.errors import MotionError
 from qrobot.model.transmission import transmission_params
 from qrobot.rccl import program
+from qrobot.rccl.c.call_row import OBJECT_CALLS, CallReply, CallRow, on_objects
 from qrobot.rccl.c.object_registry import ObjectRegistry, UnknownError
 from qrobot.rccl.c.recorded_transforms import RecordedTransforms
 from qrobot.rccl.c.shared import SharedPosition
@@ -25,7 +25,6 @@ from qrobot.rccl.teach_transform import teach
 
 OBJECTS: Final = 9  # variables and structures, whose places stand first
 FIELDS: Final = 4  # of structures, whose places stand behind them
-CallReply: TypeAlias = "CallMessage | None"
 
 
 class Dispatcher:
@@ -289,58 +288,35 @@ class Dispatcher:
         return CallMessage(Op.REPLY, n, numbers=counts.tolist())
 
 
-Handler: TypeAlias = Callable[[Dispatcher, CallMessage], CallReply]
+ArmCallRow: TypeAlias = CallRow[Dispatcher]
 
 
-@dataclass(frozen=True)
-class CallRow:
-    """A row of the table below.
-
-    Attributes:
-        handler: does what is asked.
-        waits: it lets samples pass, or takes or releases the arm, so no function that is called at a sample may ask it.
-    """
-
-    handler: Handler
-    waits: bool = False
-
-
-def _without_arm(call: Callable[[ObjectRegistry, CallMessage], CallReply]) -> CallRow:
-    """A call about transforms and positions."""
-    return CallRow(lambda dispatcher, message: call(dispatcher.objects, message))
-
-
-def _recorded(call: Callable[[RecordedTransforms, CallMessage], CallReply]) -> CallRow:
-    """A call about the data base."""
-    return CallRow(lambda dispatcher, message: call(dispatcher.recorded, message))
-
-
-def _plain(call: Callable[[Channel], None]) -> CallRow:
+def _plain(call: Callable[[Channel], None]) -> ArmCallRow:
     """A call of the arm with nothing else."""
     return CallRow(lambda dispatcher, _: call(dispatcher.arm))
 
 
-def _number(call: Callable[[Channel, float], None], waits: bool = False) -> CallRow:
+def _number(call: Callable[[Channel, float], None], waits: bool = False) -> ArmCallRow:
     """A call of the arm with one number."""
     return CallRow(lambda dispatcher, message: call(dispatcher.arm, message.numbers[0]), waits)
 
 
-def _two_numbers(call: Callable[[Channel, float, float], None]) -> CallRow:
+def _two_numbers(call: Callable[[Channel, float, float], None]) -> ArmCallRow:
     """A call of the arm with two numbers."""
     return CallRow(lambda dispatcher, message: call(dispatcher.arm, message.numbers[0], message.numbers[1]))
 
 
-def _word(call: Callable[[Channel, str], None]) -> CallRow:
+def _word(call: Callable[[Channel, str], None]) -> ArmCallRow:
     """A call of the arm with a text."""
     return CallRow(lambda dispatcher, message: call(dispatcher.arm, message.text))
 
 
-def _directions(call: Callable[..., None]) -> CallRow:
+def _directions(call: Callable[..., None]) -> ArmCallRow:
     """A call of the arm with names of directions, and a number for each."""
     return CallRow(lambda dispatcher, message: call(dispatcher.arm, message.text, *message.numbers[: message.n]))
 
 
-CALLS: Final[dict[Op, CallRow]] = {
+CALLS: Final[dict[Op, ArmCallRow]] = {
     # the arm: what the method of `Channel` does, with the arguments of the message
     Op.STOP: _number(Channel.stop),
     Op.SAMPLE_PERIOD: _number(Channel.sample, waits=True),
@@ -376,17 +352,8 @@ CALLS: Final[dict[Op, CallRow]] = {
     # people, and what they have taught
     Op.TEACH: CallRow(Dispatcher.teach, waits=True),
     Op.STEPMODE: CallRow(Dispatcher.stepmode, waits=True),
-    Op.MAKEDB: _recorded(RecordedTransforms.makedb),
-    Op.GETR: _recorded(RecordedTransforms.getr),
-    Op.SAVER: _recorded(RecordedTransforms.saver),
-    Op.DUMPDB: _recorded(RecordedTransforms.dumpdb),
     # transforms and positions
-    Op.NEWTRANS: _without_arm(ObjectRegistry.newtrans),
-    Op.FREETRANS: _without_arm(ObjectRegistry.freetrans),
-    Op.MAKEPOSITION: _without_arm(ObjectRegistry.makeposition),
-    Op.FREEPOS: _without_arm(ObjectRegistry.freepos),
-    Op.MAKE: _without_arm(ObjectRegistry.make),
-    Op.TRMULT: _without_arm(ObjectRegistry.trmult),
-    Op.INVERT: _without_arm(ObjectRegistry.invert),
+    **OBJECT_CALLS,
+    Op.MAKEPOSITION: on_objects(ObjectRegistry.makeposition),
 }
 """Every call that a message of a program asks for."""
