@@ -6,7 +6,7 @@ Tests that are not marked `realtime` are refused every clock; those that are hav
 import gc
 import os
 import signal
-from collections.abc import Generator
+from collections.abc import Generator, Iterator
 from pathlib import Path
 
 import pytest
@@ -103,3 +103,13 @@ def _reason(report: pytest.TestReport) -> str:
     """The first line of what a test failed by."""
     crash = getattr(report.longrepr, "reprcrash", None)
     return str(crash.message if crash is not None else report.longrepr).partition("\n")[0]
+
+
+@pytest.fixture
+def arcl_alone() -> Iterator[None]:
+    """Nothing of an earlier program of ARCL is there, and nothing is left."""
+    from tests.support.arcl import forget_programs
+
+    forget_programs()
+    yield
+    forget_programs()

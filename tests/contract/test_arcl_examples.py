@@ -3,21 +3,15 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from qrobot.arcl.stream import RecordKind, cartesian_table, read_stream
-from tests.support.arcl import forget_programs, run_example
+from tests.support.arcl import run_example
 
-
-@pytest.fixture(autouse=True)
-def _alone() -> Iterator[None]:
-    forget_programs()
-    yield
-    forget_programs()
+pytestmark = pytest.mark.usefixtures("arcl_alone")
 
 
 def test_the_papers_program_runs_and_its_last_configuration_is_an_error_that_it_goes_on_from_s11(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from contextlib import redirect_stdout
 from functools import cache
 from io import StringIO
@@ -12,7 +12,9 @@ import numpy as np
 import pytest
 
 from qrobot.arcl.stream import RecordKind, Stream, read_stream
-from tests.support.arcl import PARK, forget_programs, run_example
+from tests.support.arcl import PARK, run_example
+
+pytestmark = pytest.mark.usefixtures("arcl_alone")
 
 DONE = "ami_offl: done at t=272.048\n"
 TRANSFORMS = """\
@@ -29,13 +31,6 @@ exec(stdtg) pos: t=0.34, stat=0, j Ta1=112, Ta2=112, Tseg=0, dT=56
 exec(stdtg) PARK: t= 136.19, stat=0, j Ta1=112, Ta2=112, Tseg=0, dT=56
 request STOP: t=272048, traj=1, Ta=100, Tseg=300, Vt=10, Vr=10
 """
-
-
-@pytest.fixture(autouse=True)
-def _alone() -> Iterator[None]:
-    forget_programs()
-    yield
-    forget_programs()
 
 
 Run = Callable[..., tuple[str, Stream]]

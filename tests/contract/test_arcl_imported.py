@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -14,14 +13,9 @@ from qrobot.config import Robot, load_robot
 from qrobot.exchange.urdf_export import urdf_text
 from qrobot.exchange.urdf_import import import_urdf
 from qrobot.model.transform import transform
-from tests.support.arcl import forget_programs, offline, recorded
+from tests.support.arcl import offline, recorded
 
-
-@pytest.fixture(autouse=True)
-def _alone() -> Iterator[None]:
-    forget_programs()
-    yield
-    forget_programs()
+pytestmark = pytest.mark.usefixtures("arcl_alone")
 
 
 def imported(folder: Path) -> Robot:

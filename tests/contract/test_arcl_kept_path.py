@@ -34,16 +34,12 @@ from qrobot.arcl import (
 )
 from qrobot.arcl.robot import ArclRobot
 from qrobot.errors import MotionError, ServoFault
-from qrobot.faultcodes import FaultCode
-from qrobot.motion.kept import WAY_BACK_SHARE
 from qrobot.rci import VirtualLink
 from qrobot.wire import Mode
 from tests.support.arcl import forget_programs
 from tests.support.fake_robot import FakeRobot
-from tests.support.puma import LIMITS, PARK, PERIOD_S
-
-SAG = 0.02
-ROUNDING = 1e-9
+from tests.support.kept_path import check_goes_on, fail
+from tests.support.puma import PARK
 
 
 @pytest.fixture
@@ -53,15 +49,6 @@ def fake() -> Iterator[FakeRobot]:
     with rci.use(lambda hello: VirtualLink(hello, robot.transfer)):
         yield robot
     forget_programs()
-
-
-def fail(robot: FakeRobot, way: str) -> None:
-    """A stop that leaves the arm under power, or a fault in which it sags a little."""
-    if way == "stop":
-        robot.halt(FaultCode.STREAM_LOST)
-    else:
-        robot.break_down(FaultCode.FOLLOWING)
-        robot.q = tuple(np.array(robot.q) + SAG)
 
 
 def motions(rp: ArclRobot) -> list[Motion]:
@@ -113,15 +100,7 @@ def test_the_path_goes_on_where_a_stop_of_the_servo_has_left_it(
     fake.q = tuple(PARK)
     path, stopped, told = path_of(fake, way, sample, who)
     assert len(told) == 2  # why, and nothing
-    before, after = path[:stopped], path[stopped:]
-    coarseness = np.abs(np.diff(nominal, axis=0)).max()
-    off = np.abs(after[:, None] - nominal[None]).max(axis=2).min(axis=1) > coarseness
-    assert np.flatnonzero(np.diff(off.astype(int))).size <= 1  # once back on the path, always on it
-    assert off.any() == (way == "fault")
-    assert np.abs(before[-1] - after).max(axis=1).min() < 1e-9  # no place is left out
-    slow = WAY_BACK_SHARE * LIMITS.v_max * PERIOD_S * (1.0 + ROUNDING)
-    assert (np.abs(np.diff(after[off], axis=0)) <= slow).all()
-    assert (np.abs(np.diff(after, n=2, axis=0)) / PERIOD_S**2 <= LIMITS.a_max * (1.0 + ROUNDING)).all()
+    check_goes_on(path[:stopped], path[stopped:], nominal, way)
     assert path[-1] == pytest.approx(nominal[-1], abs=1e-6)
 
 

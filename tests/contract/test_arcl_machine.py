@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -15,16 +14,10 @@ from qrobot.arcl.machine.offline import OfflineMachine
 from qrobot.arcl.stream import read_stream
 from qrobot.config import load_robot
 from qrobot.errors import ConfigError, MotionError
-from tests.support.arcl import forget_programs
+
+pytestmark = pytest.mark.usefixtures("arcl_alone")
 
 STANFORD = load_robot("stanford")
-
-
-@pytest.fixture(autouse=True)
-def _alone() -> Iterator[None]:
-    forget_programs()
-    yield
-    forget_programs()
 
 
 def test_a_machine_calls_a_function_once_per_sample_and_delivers_what_it_gives(tmp_path: Path) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
 
 import numpy as np
 import pytest
@@ -86,15 +85,10 @@ from qrobot.rci.machine_choice import MachineChoice, use_machine
 from qrobot.rci.standstill import HELD_S
 from tests.support.arcl import PARK, at, forget_programs, offline, recorded
 
+pytestmark = pytest.mark.usefixtures("arcl_alone")
+
 AWAY = (30.0, 80.0, -110.0, 10.0, 70.0, -20.0)
 DT_MS = 56.0
-
-
-@pytest.fixture(autouse=True)
-def _alone() -> Iterator[None]:
-    forget_programs()
-    yield
-    forget_programs()
 
 
 def stood_for(samples: int):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import socket
 from collections.abc import Iterator
 from random import Random
 
@@ -12,25 +11,20 @@ import pytest
 from qrobot import rci
 from qrobot.arcl import ARCL_AMI, ARCL_PERIOD, EVENT_DONE, MOV_TIME, Motion, arcl_open, arcl_retract, joint_pos, move
 from qrobot.arcl.robot import ArclRobot
-from qrobot.errors import LinkLost, MotionError, ServoFault
+from qrobot.errors import MotionError, ServoFault
 from qrobot.faultcodes import FaultCode
-from qrobot.rci import TcpLink, VirtualLink, thread_driver
+from qrobot.rci import VirtualLink, thread_driver
 from qrobot.wire import Mode
-from tests.support.arcl import forget_programs
-from tests.support.fake_robot import FakeRobot, SocketRobot
-from tests.support.puma import LIMITS, PARK, PERIOD_S
+from tests.support.fake_robot import FakeRobot, PassingBridge
+from tests.support.kept_path import check_way_back
+from tests.support.puma import PARK
 from tests.support.puma import arm as puma
+
+pytestmark = pytest.mark.usefixtures("arcl_alone")
 
 LENGTH_MM = 40.0
 TURN = np.array([40.0, -10, 5, 0, 0, 0])
 PATIENCE = 100  # periods without a command, of a robot in real time
-
-
-@pytest.fixture(autouse=True)
-def _alone() -> Iterator[None]:
-    forget_programs()
-    yield
-    forget_programs()
 
 
 @pytest.fixture
@@ -70,10 +64,7 @@ def test_at_any_instant_the_arm_goes_back_over_the_places_that_it_came_by(fake: 
     before = np.array(fake.path)
     assert told(rp) == FaultCode.COLLISION
     back = np.array(fake.path)[len(before) :]
-    v, a = np.diff(back, axis=0) / PERIOD_S, np.diff(back, n=2, axis=0) / PERIOD_S**2
-    assert (np.abs(v) <= 0.2 * LIMITS.v_max).all()
-    assert (np.abs(a) <= 0.3 * LIMITS.a_max).all()
-    assert np.abs(v[-2:]).max() < 1e-6
+    check_way_back(back)
     assert np.abs(back[:, None] - before[None]).max(axis=2).min(axis=1).max() < 0.02  # setpoints lie so far apart
     flange = np.array([puma().forward(q)[:3, 3] for q in back])
     assert np.linalg.norm(np.diff(flange, axis=0), axis=1).sum() == pytest.approx(1e-3 * LENGTH_MM, abs=0.01)
@@ -159,27 +150,18 @@ def test_off_line_nothing_is_met() -> None:
 @pytest.mark.realtime
 def test_a_motion_waits_when_the_bridge_is_lost_on_the_way_back(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(thread_driver, "AGAIN_S", 0.02)
-    fake, bridges = FakeRobot(tuple(PARK), period_us=4_000, patience=PATIENCE), []
-
-    def connect(_: object) -> socket.socket:
-        if not bridges:
-            raise LinkLost("no bridge")
-        return bridges[-1].socket
-
-    with rci.use(lambda hello: TcpLink(hello, ("test", 0), connect)):
-        with SocketRobot(fake) as server:
-            bridges.append(server)
+    fake = FakeRobot(tuple(PARK), period_us=4_000, patience=PATIENCE)
+    bridge = PassingBridge(fake)
+    with rci.use(bridge.link):
+        with bridge:
             rp = arcl_open(ARCL_AMI, "bridge", ARCL_PERIOD, 4.0)
             rp.keep_path()
             rp.retract(200.0)
             motion = go(rp)
             going_back(fake, rp)
-            bridges.clear()
-        fake.forget_client()
         fake.halt(FaultCode.STREAM_LOST)
         rp.wait(lambda: "lost" in rp.kept or "closed" in rp.kept)
-        with SocketRobot(fake) as server:
-            bridges.append(server)
+        with bridge:
             begin = fake.seq
             rp.wait(lambda: fake.seq > begin + 20)
             rp.resume()

@@ -14,7 +14,6 @@ from qrobot.arrays import Floats
 from qrobot.errors import MotionError, ServoFault
 from qrobot.faultcodes import FaultCode
 from qrobot.model.transform import inverse
-from qrobot.motion.kept import WAY_BACK_SHARE
 from qrobot.multi_rccl import (
     RobotManip,
     jposition,
@@ -33,11 +32,11 @@ from qrobot.rccl.program import ending
 from qrobot.rci import VirtualLink
 from qrobot.wire import Mode
 from tests.support.fake_robot import FakeRobot
+from tests.support.kept_path import ROUNDING, SLOW, fail
 from tests.support.puma import LIMITS, PARK, PERIOD_S
 from tests.support.puma import arm as puma
 from tests.support.two_hands import THERE, TOOL, WORLD, carry, reach
 
-ROUNDING = 1e-9
 NAMES = ("left", "right")
 
 
@@ -49,15 +48,6 @@ def fakes() -> Iterator[dict[str, FakeRobot]]:
     with rci.use(links), ending():
         yield robots
     _program.reset(token)
-
-
-def fail(robot: FakeRobot, way: str) -> None:
-    """A stop that leaves the arm under power, or a fault in which it sags a little."""
-    if way == "stop":
-        robot.halt(FaultCode.STREAM_LOST)
-    else:
-        robot.break_down(FaultCode.FOLLOWING)
-        robot.q = tuple(np.array(robot.q) + 0.02)
 
 
 def apart(left: RobotManip, right: RobotManip) -> Floats:
@@ -107,7 +97,7 @@ def test_two_hands_wait_with_what_they_carry_for_the_one_that_was_stopped_and_ca
     assert gentle(after[1:])
     assert gentle(np.array(fakes["right"].path))
     first = np.abs(np.diff(after[: len(after) // 8], axis=0))
-    assert first.size == 0 or (first <= WAY_BACK_SHARE * LIMITS.v_max * PERIOD_S * (1.0 + ROUNDING)).all()
+    assert first.size == 0 or (first <= SLOW).all()
 
 
 def test_an_arm_on_a_path_of_its_own_waits_on_it_and_one_that_keeps_no_path_ends_the_program_s_hold(

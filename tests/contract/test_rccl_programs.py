@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import socket
 import sys
 import time
 from collections.abc import Callable, Iterator
@@ -18,7 +17,7 @@ from qrobot.faultcodes import FaultCode
 from qrobot.motion import Termination
 from qrobot.rci import TcpLink, VirtualLink, thread_driver
 from qrobot.wire import JointMode, Mode
-from tests.support.fake_robot import FakeRobot, SocketRobot
+from tests.support.fake_robot import FakeRobot, PassingBridge, SocketRobot
 from tests.support.patience import wait_until
 
 PARK = tuple(load_robot("puma560").poses["park"].tolist())
@@ -322,16 +321,10 @@ def test_a_program_that_keeps_its_path_greets_a_bridge_that_comes_back_and_goes_
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(thread_driver, "AGAIN_S", 0.02)
-    fake, bridges = FakeRobot(PARK, period_us=4_000, patience=PATIENCE), []
-
-    def connect(_: object) -> socket.socket:
-        if not bridges:
-            raise LinkLost("no bridge")
-        return bridges[-1].socket
-
-    with rccl.use(lambda hello: TcpLink(hello, ("test", 0), connect)):
-        with SocketRobot(fake) as server:
-            bridges.append(server)
+    fake = FakeRobot(PARK, period_us=4_000, patience=PATIENCE)
+    bridge = PassingBridge(fake)
+    with rccl.use(bridge.link):
+        with bridge:
             arm = rccl.control()
             arm.keep_path()
             arm.log_signal("depth", 0.3)
@@ -339,12 +332,9 @@ def test_a_program_that_keeps_its_path_greets_a_bridge_that_comes_back_and_goes_
             rccl.setime(200, 1000)
             rccl.move(p)
             arm.waitas(lambda: p.scal > 0.3)
-            bridges.clear()
-        fake.forget_client()
         fake.halt(FaultCode.STREAM_LOST)
         arm.waitas(lambda: "lost" in arm.kept or "closed" in arm.kept)
-        with SocketRobot(fake) as server:
-            bridges.append(server)
+        with bridge:
             begin = fake.seq
             arm.waitas(lambda: fake.seq > begin + 20)
             arm.resume()

@@ -9,7 +9,9 @@ from contextlib import suppress
 
 import numpy as np
 
+from qrobot.errors import LinkLost
 from qrobot.faultcodes import FaultCode
+from qrobot.rci import TcpLink
 from qrobot.wire import (
     Bye,
     ClientRole,
@@ -212,6 +214,32 @@ class SocketRobot:
                 self._over.set()
             near.sendall(self.robot.hear(data))
         near.sendall(self.robot.tell())
+
+
+class PassingBridge:
+    """A bridge to one `FakeRobot` that is there inside `with`, as often as one likes, and away before and after."""
+
+    def __init__(self, robot: FakeRobot) -> None:
+        self._robot = robot
+        self._server: SocketRobot | None = None
+
+    def __enter__(self) -> None:
+        self._server = SocketRobot(self._robot).__enter__()
+
+    def __exit__(self, *_: object) -> None:
+        server, self._server = self._server, None
+        assert server is not None
+        server.__exit__()
+        self._robot.forget_client()
+
+    def link(self, hello: Hello) -> TcpLink:
+        """A link to it."""
+        return TcpLink(hello, ("test", 0), self._connect)
+
+    def _connect(self, _: object) -> socket.socket:
+        if self._server is None:
+            raise LinkLost("no bridge")
+        return self._server.socket
 
 
 class TcpRobot:

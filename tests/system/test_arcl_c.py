@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 import subprocess
-from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 
@@ -27,12 +26,12 @@ from qrobot.rig.lockstep import LockstepRig, link_factory
 from qrobot.servo.settings import ServoSettings
 from qrobot.sim_board.emulator import Emulator
 from qrobot.wire import Hello
-from tests.support.arcl import EXAMPLES, forget_programs, keys_of_a_terminal, run_c, run_example
+from tests.support.arcl import EXAMPLES, keys_of_a_terminal, run_c, run_example
 from tests.support.c_programs import CHECKED, FOUND, compiled, needs_compiler, needs_valgrind, under_valgrind
 from tests.support.fake_robot import FakeRobot
 from tests.support.puma import PARK, ROBOT
 
-pytestmark = [needs_compiler, pytest.mark.usefixtures("own_cache")]
+pytestmark = [needs_compiler, pytest.mark.usefixtures("own_cache", "arcl_alone")]
 HEADER = (toolchain.ARCL_INCLUDE / "arcl.h").read_text()
 PAGE = (Path(__file__).parents[2] / "docs/reference/arcl-c.md").read_text()
 STREAMS = {
@@ -42,13 +41,6 @@ STREAMS = {
     "s14_figure_5": ["puma560.arcl"],
 }
 SAME = 1e-12  # rad; numbers of C are double too, and millimetres there and back are an ulp
-
-
-@pytest.fixture(autouse=True)
-def _alone() -> Iterator[None]:
-    forget_programs()
-    yield
-    forget_programs()
 
 
 @pytest.mark.parametrize("name", STREAMS)

@@ -77,17 +77,12 @@ from tests.support.patience import PATIENCE_MS
 from tests.support.puma import ROBOT
 from tests.support.virtual_clock import VirtualClock
 
+pytestmark = pytest.mark.usefixtures("arcl_alone")
+
 SAMPLE_US = 28_000
 MEASURED = 0.02  # rad: the servo's error on the way, and half a sample of it
 PUMP = DAC // 2 + 3  # register of a module
 AWAY = (20.0, 120.0, -10.0, 10.0, 60.0, -160.0)
-
-
-@pytest.fixture(autouse=True)
-def _alone() -> Iterator[None]:
-    forget_programs()
-    yield
-    forget_programs()
 
 
 @contextmanager

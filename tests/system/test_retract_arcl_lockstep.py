@@ -37,23 +37,18 @@ from qrobot.faultcodes import FaultCode
 from qrobot.rig.lockstep import link_factory
 from qrobot.val.interpreter import Interpreter
 from qrobot.val.monitor import ValMonitor
-from tests.support.arcl import forget_programs, run_c
+from tests.support.arcl import run_c
 from tests.support.c_programs import compiled, needs_compiler
 from tests.support.collision_table import BELOW, END, Table
 from tests.support.puma import ROBOT
 from tests.support.val_storms import arm_in_lockstep
 
+pytestmark = pytest.mark.usefixtures("arcl_alone")
+
 BACK_MM = 25
 SECONDS = 0.7  # for the ten centimetres from above the table to below it
 DOWN = np.degrees(END - kinematics(ROBOT, "").zero)
 LOWEST, HIGHEST = 0.018, 0.027  # m: where the tip is then
-
-
-@pytest.fixture(autouse=True)
-def _alone() -> Iterator[None]:
-    forget_programs()
-    yield
-    forget_programs()
 
 
 @contextmanager

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +15,9 @@ from qrobot.cli.main import make_app
 from qrobot.cli.stream_film import StreamStage
 from qrobot.config import load_robot
 from qrobot.log.arm_drawing import SolidArm
-from tests.support.arcl import EXAMPLES, forget_programs
+from tests.support.arcl import EXAMPLES
+
+pytestmark = pytest.mark.usefixtures("arcl_alone")
 
 PROGRAM = """
 import sys
@@ -26,13 +27,6 @@ rp = arcl_open(ARCL_ARGCV, len(sys.argv), sys.argv, 0)
 print("arguments", sys.argv[1:])
 move(rp, joint_pos(rp, "away", (20, 120, -10, 10, 60, -160)), MOV_TIME, 1500, 0)
 """
-
-
-@pytest.fixture(autouse=True)
-def _alone() -> Iterator[None]:
-    forget_programs()
-    yield
-    forget_programs()
 
 
 @pytest.fixture

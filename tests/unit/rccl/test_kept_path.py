@@ -16,12 +16,12 @@ from qrobot.faultcodes import FaultCode
 from qrobot.fences.fence_set import FenceSet
 from qrobot.fences.in_force import use_fences
 from qrobot.motion import Termination
-from qrobot.motion.kept import WAY_BACK_SHARE
 from qrobot.rci import VirtualLink
 from qrobot.rci.standstill import HELD_S
 from qrobot.wire import Mode
 from tests.support.fake_robot import FakeRobot
-from tests.support.puma import LIMITS, PARK, PERIOD_S, ROBOT
+from tests.support.kept_path import check_goes_on, fail
+from tests.support.puma import PARK, PERIOD_S, ROBOT
 from tests.support.puma import arm as puma
 
 VIA, END = (np.degrees(PARK) + np.array(turn) for turn in ([40.0, -10, 5, 0, 0, 0], [20.0, 15, -10, 20, 0, 0]))
@@ -44,15 +44,6 @@ def motions(arm: rccl.Channel) -> tuple[rccl.Position, rccl.Position]:
     arm.setmode("cartesian")
     arm.move(end)
     return via, end
-
-
-def fail(robot: FakeRobot, way: str) -> None:
-    """A stop that leaves the arm under power, or a fault in which it sags a little."""
-    if way == "stop":
-        robot.halt(FaultCode.STREAM_LOST)
-    else:
-        robot.break_down(FaultCode.FOLLOWING)
-        robot.q = tuple(np.array(robot.q) + 0.02)
 
 
 def confirm(robot: FakeRobot, arm: rccl.Channel, who: str, begin: int) -> None:
@@ -90,16 +81,8 @@ def test_the_path_goes_on_where_a_stop_of_the_servo_has_left_it(fake: FakeRobot,
         assert {via.code, end.code} == {Termination.COMPLETED}
         path = np.array(fake.path)
     assert len(told) == 2  # why, and nothing
-    before, after = path[: followed[0]], path[followed[0] :]
     nominal = plan.table(np.linspace(0.0, plan.duration_s, 1_000))[:, 0]
-    coarseness = np.abs(np.diff(nominal, axis=0)).max()
-    off = np.abs(after[:, None] - nominal[None]).max(axis=2).min(axis=1) > coarseness
-    assert np.flatnonzero(np.diff(off.astype(int))).size <= 1  # once back on the path, always on it
-    assert off.any() == (way == "fault")
-    assert np.abs(before[-1] - after).max(axis=1).min() < 1e-12  # no place is left out
-    slow = WAY_BACK_SHARE * LIMITS.v_max * PERIOD_S * (1.0 + ROUNDING)
-    assert (np.abs(np.diff(after[off], axis=0)) <= slow).all()
-    assert (np.abs(np.diff(after, n=2, axis=0)) / PERIOD_S**2 <= LIMITS.a_max * (1.0 + ROUNDING)).all()
+    check_goes_on(path[: followed[0]], path[followed[0] :], nominal, way)
     assert path[-1] == pytest.approx(np.radians(END), abs=1e-4)  # the last one is still to be followed
 
 

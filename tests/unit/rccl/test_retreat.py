@@ -14,7 +14,8 @@ from qrobot.faultcodes import FaultCode
 from qrobot.rci import VirtualLink
 from qrobot.wire import Mode
 from tests.support.fake_robot import FakeRobot
-from tests.support.puma import LIMITS, PARK, PERIOD_S
+from tests.support.kept_path import check_way_back
+from tests.support.puma import PARK
 from tests.support.puma import arm as puma
 
 VIA, END = (np.degrees(PARK) + np.array(turn) for turn in ([40.0, -10, 5, 0, 0, 0], [20.0, 15, -10, 20, 0, 0]))
@@ -56,10 +57,7 @@ def test_at_any_instant_the_arm_goes_back_over_the_places_that_it_came_by(fake: 
         before = np.array(fake.path)
         assert told(arm).code == FaultCode.COLLISION
     back = np.array(fake.path)[len(before) :]
-    v, a = np.diff(back, axis=0) / PERIOD_S, np.diff(back, n=2, axis=0) / PERIOD_S**2
-    assert (np.abs(v) <= 0.2 * LIMITS.v_max).all()
-    assert (np.abs(a) <= 0.3 * LIMITS.a_max).all()
-    assert np.abs(v[-2:]).max() < 1e-6
+    check_way_back(back)
     off = np.abs(back[:, None] - before[None]).max(axis=2).min(axis=1)
     assert off.max() < 0.03  # what the arm was thrown off by
     assert off[-1] < 0.005  # and is on its path again; setpoints lie further apart than that
