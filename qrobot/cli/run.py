@@ -76,36 +76,24 @@ def run(
     deployment
         Deployment file, or the name of a packaged one: tells where the bridge is.
     """
-    if start is not None and not (lockstep or offline):
-        raise ConfigError("--start: only with --lockstep or --offline; a running arm stands where it is")
     emulated = {"plant": plant, "scene": scene, "law": law, "model": model, "rate": rate, "log": log}
-    given = [f"--{name}" for name, value in emulated.items() if value is not None]
-    _check(program, given, lockstep, offline)
-    from qrobot.cli.arm_links import links_of
-
+    _check(program, [f"--{name}" for name, value in emulated.items() if value is not None], lockstep, offline, start)
     arms = choose_arms(deployment, arm)
-    for option in [name for name, given in (("--record", record), ("--start", start)) if given is not None]:
-        if len(arms) > 1:
-            raise ConfigError(f"{option} is about one arm; choose it with --arm")
+    _check_one_arm(arms, {"--record": record, "--start": start})
     begin = partial(_start, program, arguments, arms[0].robot)
-    folder = output
-    if offline and folder is None:
-        folder = checked_folder(Path("out") / "offline" / program.stem)
+    folder = checked_folder(Path("out") / "offline" / program.stem) if offline and output is None else output
 
     def perform() -> int:
-        if offline:
-            with _filmed(arms, program, record) as heard:
-                links = links_of(arms, lambda arm: heard(offline_links(arm, start)))
-                return run_virtual(links, begin, folder, ideal=True)
-        if not lockstep:
-            _tell_scene(program)
-            with _filmed(arms, program, record) as heard:
-                return run_live(arms, begin, folder, heard)
-        from qrobot.cli.run_lockstep import LockstepRun
+        if lockstep:
+            from qrobot.cli.run_lockstep import LockstepRun
 
-        return LockstepRun(arms, program, plant, scene, law, model, rate, start).perform(
-            partial(run_virtual, start=begin, output=folder), deployment, log, record
-        )
+            rig = LockstepRun(arms, program, plant, scene, law, model, rate, start)
+            return rig.perform(partial(run_virtual, start=begin, output=folder), deployment, log, record)
+        with _filmed(arms, program, record) as heard:
+            if offline:
+                return _run_ideal(arms, begin, folder, start, heard)
+            _tell_scene(program)
+            return run_live(arms, begin, folder, heard)
 
     def perform_as_chosen() -> int:
         with machine_of(arms, "offline" if offline else "bridge", folder, start), _fences(arms):
@@ -156,8 +144,10 @@ def _filmed(
     film_heard(heard, program.name, arms[0], record)
 
 
-def _check(program: Path, emulated: Sequence[str], lockstep: bool, offline: bool) -> None:
+def _check(program: Path, emulated: Sequence[str], lockstep: bool, offline: bool, start: str | None) -> None:
     """Raise ConfigError for no program, or options that do not go together; `emulated` needs an emulated arm."""
+    if start is not None and not (lockstep or offline):
+        raise ConfigError("--start: only with --lockstep or --offline; a running arm stands where it is")
     if not program.is_file():
         raise ConfigError(f"no program {program}")
     if program.suffix == ".c":
@@ -168,6 +158,13 @@ def _check(program: Path, emulated: Sequence[str], lockstep: bool, offline: bool
         raise ConfigError(f"--offline knows no servo and no board: leave out {', '.join(emulated) or '--lockstep'}")
     if emulated and not lockstep:
         raise ConfigError(f"{', '.join(emulated)}: only with --lockstep; a running arm has what it was started with")
+
+
+def _check_one_arm(arms: Sequence[DeployedArm], options: dict[str, object]) -> None:
+    """Raise ConfigError for an option that was given, and is about one arm, where there are several."""
+    for option in [name for name, value in options.items() if value is not None]:
+        if len(arms) > 1:
+            raise ConfigError(f"{option} is about one arm; choose it with --arm")
 
 
 def _tell_scene(program: Path) -> None:
@@ -205,6 +202,20 @@ def run_virtual(links: ArmLinks, start: Callable[[], int], output: Path | None =
             return run_through(the_only(links), start, output, ideal)
         finally:
             rci.rci_close()
+
+
+def _run_ideal(
+    arms: Sequence[DeployedArm],
+    begin: Callable[[], int],
+    folder: Path | None,
+    start: str | None,
+    heard: Callable[[LinkFactory], LinkFactory],
+) -> int:
+    """`run_through` ideal arms, that begin at `start`; `heard` may listen to their links."""
+    from qrobot.cli.arm_links import links_of
+
+    links = links_of(arms, lambda arm: heard(offline_links(arm, start)))
+    return run_virtual(links, begin, folder, ideal=True)
 
 
 def run_live(
