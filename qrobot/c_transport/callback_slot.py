@@ -57,7 +57,7 @@ class CallbackSlot:
     """The engine's end of it.
 
     Args:
-        words: shared with the program. Shape (CELL_WORDS,).
+        words: `struct shim_cell`, shared with the program. Shape (SLOT_WORDS,).
 
     Attributes:
         number: of the newest call, 1 to 2^31 - 1 and round again; 0 says that calls come by messages alone.

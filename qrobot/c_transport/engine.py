@@ -26,7 +26,7 @@ from qrobot.c_transport.program_link import CallDispatcher, MakeDispatcher, Prog
 from qrobot.c_transport.usable_time import UsableTime
 from qrobot.errors import ConfigError, LinkLost, LinkTimeout, QRobotError
 
-GLOBALS: Final = 13  # places of RCCL that the greeting names before that of the cell
+GLOBALS: Final = 13  # places of RCCL that the greeting names before that of the callback slot
 LANGUAGE: Final = 14  # where it says which library the program calls: an index into what `serve` is given
 PROCESS: Final = 16  # where it gives the number of the program's process
 CALLBACK_S: Final = 2.0  # a function of the program that takes more of its time will never come back

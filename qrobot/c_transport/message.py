@@ -8,10 +8,10 @@ from dataclasses import dataclass
 from enum import IntEnum
 from typing import Final
 
-VERSION: Final = 6
+VERSION: Final = 6  # of these messages; a program that was compiled for another one is refused
 REFS: Final = 24
 NUMBERS: Final = 64
-TEXT: Final = 256
+TEXT: Final = 256  # bytes, with a zero behind them
 _LAYOUT: Final = struct.Struct(f"=ii{REFS}q{NUMBERS}d{TEXT}s")
 SIZE: Final = _LAYOUT.size
 _BRIEF: Final = struct.Struct("=iiq")  # calls of functions, and their answers
@@ -19,7 +19,7 @@ BRIEF: Final = _BRIEF.size
 
 
 class Op(IntEnum):
-    """Requests, and the form of their answers."""
+    """What a message asks for or tells: calls of the libraries below 100, answers and calls of the program above."""
 
     HELLO = 1
     CONTROL = 2

@@ -17,7 +17,7 @@ class UsableTime:
 
     Args:
         process: the program's number.
-        processes: of the kernel (proc(5)).
+        processes: where the kernel shows its processes (proc(5)).
     """
 
     def __init__(self, process: int, processes: Path = PROCESSES) -> None:

@@ -26,7 +26,6 @@ from qrobot.config import Robot
 SX = Any  # casadi.SX, which has no types
 
 OF_LOAD: Final = 4  # mass, first moments
-N_SUMS: Final = 14  # the lower triangle of A, then b
 LIKELY_KG: Final = 2.5  # what a hand may hold, Unimation's figure for a PUMA 560
 LIKELY_M: Final = 0.1  # of its centre from the flange [A]
 MOVES: Final = 0.06  # of a joint's greatest speed: below, friction falls with speed (Stribeck)

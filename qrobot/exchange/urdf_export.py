@@ -95,8 +95,8 @@ def _row_origin(robot: Robot, i: int) -> Floats:
     return np.array([geometry.a_m[i], -np.sin(alpha) * d, np.cos(alpha) * d])
 
 
-def _add_shape(link: Element, reach: Floats, place: int) -> None:
-    """A cylinder from the link's frame to the next one."""
+def _add_shape(link: Element, reach: Floats, number: int) -> None:
+    """A cylinder from the frame of a link, the base being number 0, to the next one."""
     length = float(np.linalg.norm(reach))
     if length < _SHORTEST_M:
         return
@@ -104,7 +104,7 @@ def _add_shape(link: Element, reach: Floats, place: int) -> None:
     turn = [0.0, float(np.arctan2(np.hypot(*reach[:2]), reach[2])), float(np.arctan2(reach[1], reach[0]))]
     ElementTree.SubElement(visual, "origin", xyz=_words(0.5 * reach), rpy=_words(turn))
     shape = ElementTree.SubElement(visual, "geometry")
-    ElementTree.SubElement(shape, "cylinder", radius=_words([_RADIUS_M * 0.9**place]), length=_words([length]))
+    ElementTree.SubElement(shape, "cylinder", radius=_words([_RADIUS_M * 0.9**number]), length=_words([length]))
 
 
 def _roll_pitch_yaw(R: Floats) -> list[float]:

@@ -148,11 +148,6 @@ class MemoryEndpoint:
         raise LinkError("the board shows no image")
 
 
-def make_image() -> Words:
-    """An image to be filled. Shape (IMAGE_WORDS,)."""
-    return make_image()
-
-
 def check_image(image: Words) -> None:
     """Raises RemoteProtocolError when a word does not fit a register: what came is not the image of a board."""
     words = image[IMAGE_INPUTS:]

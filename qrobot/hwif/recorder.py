@@ -5,13 +5,14 @@ complete up to the last line.
 
     qrobot-registers 1
     board F 6 250000                                   revision, joints, ns between images; again when reconnected;
-                                                       `references` behind it when the board takes some
+                                                       `references` and `outputs` behind it when it takes them
     4000000 17 w30=800 w2e=47 r1e : 0c=8041 10=fff0    ns and images since the line before; operations; changed words
     lost w30=7ff LinkLost: nobody answers              an exchange that failed
     close
 
-Offsets and values are hexadecimal. Operations are `w` (write), `r` (a read for its side effect) and `p` (where a
-joint's motor is to be), input words those that differ from the image before. `replay.py` reads it.
+Offsets and values are hexadecimal. Operations are `w` (write), `r` (a read for its side effect), `p` (where a joint's
+motor is to be), `o` (outputs of the arm) and `a` (an analogue output, microvolts); input words are those that differ
+from the image before. `replay.py` reads it.
 """
 
 from __future__ import annotations

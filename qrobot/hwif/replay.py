@@ -68,7 +68,7 @@ class BusRecording:
 
     @property
     def exchanges(self) -> list[Exchange]:
-        """Numbers of exchanges with an image and without one."""
+        """Exchanges in order, those without an image too."""
         return [event for event in self.events if isinstance(event, Exchange)]
 
     @property

@@ -6,8 +6,7 @@ has the name of its task. It is a `@lean_kernel`, or any function that Numba has
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any, Final, TypeAlias
+from typing import Any, Final
 
 from numba import types
 from numba.core.errors import NumbaError
@@ -21,7 +20,6 @@ from qrobot.realtime.jit import jit_disabled, lean_kernel
 from qrobot.realtime.pointer import KernelPointer, raising_function_at
 from qrobot.units import NS_PER_S
 
-CompiledTaskFunction: TypeAlias = Callable[[int, Floats], None]
 SIGNATURE: Final = types.void(types.int64, types.float64[::1])
 LOOK_NS: Final = 20_000_000  # [A] a loop that sleeps looks up so often, to see that it is to end
 

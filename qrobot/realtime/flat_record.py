@@ -6,7 +6,7 @@ arrays that dominates the time to compile and costs in every call (measured: a s
 type, and loops over joints unroll.
 
 Records in shared memory have the same kind of type (`realtime.structure`). `words_of` shows one as words,
-`copy_fields` copies by name, `float_bits` and `bits_float` move floats through words bit by bit.
+`copy_fields` copies by name, `float_bits` makes a word of a float bit by bit.
 """
 
 # ruff: noqa: ARG001 (Numba fixes the signatures of intrinsics)
@@ -95,10 +95,6 @@ if jit_disabled():
         """The bit pattern of a float, as an int64."""
         return int(struct.unpack("<q", struct.pack("<d", value))[0])
 
-    def bits_float(word: int) -> float:
-        """The float whose bit pattern an int64 holds."""
-        return float(struct.unpack("<d", struct.pack("<q", word))[0])
-
     def words_of(record: Any) -> Words:
         """A record or part of one as an array of words, in the same memory."""
         return view_words(record)
@@ -118,15 +114,6 @@ else:
             return builder.bitcast(args[0], context.get_value_type(types.int64))
 
         return types.int64(types.float64), codegen
-
-    @intrinsic  # type: ignore[untyped-decorator]
-    def bits_float(typing_context: Any, word: Any) -> Any:
-        """The float whose bit pattern an int64 holds."""
-
-        def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-            return builder.bitcast(args[0], context.get_value_type(types.float64))
-
-        return types.float64(types.int64), codegen
 
     @intrinsic  # type: ignore[untyped-decorator]
     def words_of(typing_context: Any, record: Any) -> Any:

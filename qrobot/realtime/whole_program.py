@@ -7,7 +7,7 @@ Python calls one. Here a kernel has two halves:
 - the *entry* is called from Python or through a pointer: linked with all it needs, optimised and compiled once;
 - the *callee* is called from other kernels: types and LLVM's intermediate code, nothing more.
 
-A *part* (`separate`) is called both ways and linked into none of its callers, see `separate_parts`.
+A *part* (`separate`) is called both ways and linked into none of its callers, see `separate_part`.
 
 A kernel that is called both ways passes Numba's front end twice, some fifty milliseconds. Literal arguments are widened
 first: a callee would be compiled anew for each fault code it is handed, and inlining finds the constants anyway.

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable
 from typing import Final
 
 from qrobot.errors import ConfigError
@@ -30,9 +29,6 @@ def force_panel(memory: BoardMemory, line: str) -> None:
     if match is None or match[1] not in forms:
         raise ConfigError(f"{line!r} is none of: {', '.join(forms)}; as in 'input:3 on', 'analog:2 1.5', 'estop off'")
     forms[match[1]](memory, None if match[2] is None else int(match[2]), match[3] or "", line)
-
-
-_Form = Callable[[BoardMemory, int | None, str, str], None]
 
 
 def _estop(memory: BoardMemory, number: int | None, value: str, line: str) -> None:

@@ -11,14 +11,8 @@ It is the model's `Branch`, so an ARCL program and all other programs mean the s
 
 from __future__ import annotations
 
-from typing import Final
-
 from qrobot.errors import ConfigError, MotionError
 from qrobot.model.branch import Branch, branch_of
-
-SIDE: Final = Branch.LEFT
-ELBOW: Final = Branch.DOWN
-WRIST: Final = Branch.FLIP
 
 
 def config_word(letters: str, default: int = 0) -> Branch:

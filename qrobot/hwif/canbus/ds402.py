@@ -5,13 +5,9 @@ from __future__ import annotations
 from enum import Enum
 from typing import Final
 
-CONTROL_WORD: Final = 0x6040
-STATUS_WORD: Final = 0x6041
 ERROR_CODE: Final = 0x603F
 MODE_WANTED: Final = 0x6060
 MODE_SHOWN: Final = 0x6061
-ACTUAL_POSITION: Final = 0x6064
-TARGET_TORQUE: Final = 0x6071
 DEVICE_TYPE: Final = 0x1000
 PROFILE: Final = 402  # low word of the device type
 

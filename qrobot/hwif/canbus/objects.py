@@ -170,14 +170,6 @@ def _entries() -> Iterator[Entry]:
 ENTRIES: Final = tuple(sorted(_entries(), key=lambda entry: (entry.index, entry.sub or 0)))
 
 
-def default_of(index: int, sub: int = 0) -> str:
-    """Default of an entry. Raises KeyError when there is no such entry."""
-    for entry in ENTRIES:
-        if entry.index == index and (entry.sub or 0) == sub:
-            return entry.default
-    raise KeyError(f"no object {index:#06x}:{sub}")
-
-
 def eds_text() -> str:
     """The electronic data sheet (CiA 306) of the node."""
     return "\n\n".join([*_eds_head(), *_eds_lists(), *_eds_objects()]) + "\n"

@@ -50,7 +50,6 @@ REFUSED: Final = APPLIED + 4
 BAD: Final = APPLIED + 5
 DROPPED: Final = APPLIED + 6
 AGE: Final = APPLIED + 7
-N_COUNTERS: Final = 8
 
 IDENTITY: Final = 128
 _IDENTITY_CODE: Final = struct.Struct(">IHHHI")

@@ -38,7 +38,6 @@ from qrobot.realtime.setup import lock_memory, pin_threads, tighten_timers
 from qrobot.wire import Collision, Hello, Payload, Signals, Welcome
 
 FAREWELL_S: Final = 8.0  # [A] for an arm to come to rest, when its program is gone
-LOOK_S: Final = 0.1
 TOLD_WORDS: Final = 8  # of the descriptor
 SETTINGS: Final = frozenset({"override", "paused", "keeps_path", "way_back", "retract_m"})
 
