@@ -16,13 +16,12 @@ from qrobot.errors import ConfigError, MotionError
 from qrobot.pendant.command_run import CommandRun
 from qrobot.pendant.free_path import free_path
 from qrobot.pendant.procedure_messages import PageProcedureStart
+from qrobot.pendant.runner import NICE, Runner
 
-NICE: Final = 10  # of what moves no arm
-CLOSE_S: Final = 11.0  # a step that is ended is killed by then
 LIVE_STEPS: Final = ("calibrate", "record live")
 
 
-class ProcedureRunner:
+class ProcedureRunner(Runner):
     """Belongs to one arm.
 
     Args:
@@ -33,18 +32,17 @@ class ProcedureRunner:
     """
 
     def __init__(self, arm: str, deployment: str, models: Path, changed: Callable[[], None]) -> None:
-        self._arm, self._models, self._changed = arm, models, changed
+        super().__init__(changed)
+        self._arm, self._models = arm, models
         self._place = [deployment, "--arm", arm]
-        self._run: CommandRun | None = None
         self._request: PageProcedureStart | None = None
-        self._runs = 0
         self._folder: Path | None = None
         self._kept = ""
 
     @property
     def live(self) -> bool:
         """A step runs that moves the arm."""
-        return self._running is not None and self._request is not None and self._request.step in LIVE_STEPS
+        return self.running is not None and self._request is not None and self._request.step in LIVE_STEPS
 
     @property
     def facts(self) -> dict[str, Any]:
@@ -62,7 +60,7 @@ class ProcedureRunner:
 
     def start(self, request: PageProcedureStart) -> None:
         """Begin a step. Raises MotionError: another one runs, or the one before it was not done."""
-        if self._running is not None:
+        if self.running is not None:
             raise MotionError("a step runs: end it first")
         if request.step == "fit" and not self._file("run.mcap").is_file():
             raise MotionError("there is no recording yet: record first")
@@ -74,23 +72,13 @@ class ProcedureRunner:
         self._run = CommandRun([command], self._changed, 0 if request.step in LIVE_STEPS else NICE)
         self._changed()
 
-    def end(self) -> None:
-        """End what runs; returns at once."""
-        if (run := self._running) is not None:
-            run.end()
-
-    def stop(self) -> None:
-        """End a step that moves the arm; returns at once."""
-        if self.live:
-            self.end()
-
     def keep(self, confirmed: bool) -> str:
         """Write the model to its place, beside those that are there; its path.
 
         Raises:
             MotionError: it was not confirmed, there is none, or a step runs. ConfigError: it cannot be written.
         """
-        if self._running is not None or not self._file("model.toml").is_file():
+        if self.running is not None or not self._file("model.toml").is_file():
             raise MotionError("there is no model to keep: record and fit first")
         if not confirmed:
             raise MotionError("the model is not written: confirm it")
@@ -102,22 +90,11 @@ class ProcedureRunner:
         self._kept = str(path)
         return self._kept
 
-    def output(self, after: int) -> dict[str, Any]:
-        """Lines that the newest step has printed, from number `after` on."""
-        part = self._run.output.since(after) if self._run else None
-        return {"run": self._runs, "first": part.first if part else 0, "lines": part.lines if part else []}
-
     def close(self) -> None:
         """End what runs, and wait for it; what was not kept goes."""
-        if (run := self._running) is not None:
-            run.end()
-            run.wait(CLOSE_S)
+        super().close()
         if self._folder is not None:
             shutil.rmtree(self._folder, ignore_errors=True)
-
-    @property
-    def _running(self) -> CommandRun | None:
-        return self._run if self._run is not None and self._run.state == "running" else None
 
     def _file(self, name: str) -> Path:
         return (self._folder or Path("/nonexistent")) / name

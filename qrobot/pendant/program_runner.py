@@ -14,11 +14,10 @@ from qrobot.errors import MotionError
 from qrobot.pendant.command_run import CommandRun
 from qrobot.pendant.program_folder import RECORDED, RECORDING, ProgramFolder, language_of
 from qrobot.pendant.program_messages import PageProgramStart
+from qrobot.pendant.runner import NICE, Runner
 from qrobot.rci.tcp import BRIDGE_VARIABLE, ONLY_VARIABLE
 
-NICE: Final = 10  # of what moves no arm: it must not take the processor from a servo that runs
 RESULTS: Final = {"requests": "requests.txt", "setpoints": "setpoints.csv"}
-CLOSE_S: Final = 11.0  # a program that is ended is killed by then
 
 Source: TypeAlias = tuple[str, str, int]  # name, program of a VAL file, time of the last change in ns
 
@@ -32,7 +31,7 @@ class FoundPath:
     source: Source
 
 
-class ProgramRunner:
+class ProgramRunner(Runner):
     """Belongs to one arm.
 
     Args:
@@ -53,13 +52,11 @@ class ProgramRunner:
         deployment: str = "",
         changed: Callable[[], None] = lambda: None,
     ) -> None:
+        super().__init__(changed)
         self.folder = folder or ProgramFolder(None)
         self.deployment = deployment
         self._place = ["--deployment", deployment, "--arm", arm]
-        self._changed = changed
-        self._run: CommandRun | None = None
         self._request: PageProgramStart | None = None
-        self._runs = 0
         self._results: Path | None = None
         self._found: FoundPath | None = None
         self._complained: tuple[int, int | None] = 0, None  # run, and the line of its source that an error is about
@@ -67,7 +64,7 @@ class ProgramRunner:
     @property
     def live(self) -> bool:
         """A program runs that commands the arm."""
-        return self._running is not None and self._request is not None and self._request.manner == "live"
+        return self.running is not None and self._request is not None and self._request.manner == "live"
 
     @property
     def replays(self) -> bool:
@@ -100,7 +97,7 @@ class ProgramRunner:
             MotionError: another one runs.
             ConfigError: there is none of that name.
         """
-        if self._running is not None:
+        if self.running is not None:
             raise MotionError("a program runs: end it first")
         path = self.folder.path_of(request.name)
         source = request.name, request.execute, path.stat().st_mtime_ns
@@ -119,36 +116,20 @@ class ProgramRunner:
         )
         self._changed()
 
-    def end(self) -> None:
-        """End what runs; returns at once."""
-        if (run := self._running) is not None:
-            run.end()
-
-    def stop(self) -> None:
-        """End a program that commands the arm; returns at once."""
-        if self.live:
-            self.end()
-
     def say(self, line: str) -> None:
         """A line for its input."""
-        if (run := self._running) is not None:
+        if (run := self.running) is not None:
             run.output.note(f"> {line}")
             run.say(line)
 
     def interrupt(self) -> None:
         """Interrupt a program that is stepped."""
-        if (run := self._running) is not None and self._request is not None and self._request.step:
+        if (run := self.running) is not None and self._request is not None and self._request.step:
             run.interrupt()
 
     def output(self, after: int) -> dict[str, Any]:
         """Lines that the newest run has printed, from number `after` on, and which `RESULTS` it has written."""
-        lines = self._run.output.since(after) if self._run else None
-        return {
-            "run": self._runs,
-            "first": lines.first if lines else 0,
-            "lines": lines.lines if lines else [],
-            "results": [name for name in RESULTS if self.result(name)],
-        }
+        return super().output(after) | {"results": [name for name in RESULTS if self.result(name)]}
 
     def result(self, name: str) -> Path | None:
         """A file that the newest run has written, one of `RESULTS`; None: there is none."""
@@ -169,14 +150,8 @@ class ProgramRunner:
 
     def close(self) -> None:
         """End what runs, and wait for it."""
-        if (run := self._running) is not None:
-            run.end()
-            run.wait(CLOSE_S)
+        super().close()
         self._discard()
-
-    @property
-    def _running(self) -> CommandRun | None:
-        return self._run if self._run is not None and self._run.state == "running" else None
 
     def _discard(self, but_path_of: Source | None = None) -> None:
         """Delete results of the runs before, but the path that was found for a source."""
