@@ -19,7 +19,7 @@ BRIEF: Final = _BRIEF.size
 
 
 class Op(IntEnum):
-    """What a message asks for or tells: calls of the libraries below 100, answers and calls of the program above."""
+    """Purpose of a message: calls of the libraries below 100, answers and calls of the program's functions above."""
 
     HELLO = 1
     CONTROL = 2

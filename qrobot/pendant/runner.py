@@ -1,4 +1,4 @@
-"""What programs and procedures of one arm at the pendant have in common: one command at a time, which can be ended."""
+"""Common part of the programs and procedures of one arm at the pendant: one command at a time, which can be ended."""
 
 from __future__ import annotations
 

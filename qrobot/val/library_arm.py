@@ -1,4 +1,4 @@
-"""What a `ValArm` remembers whichever library moves it: motions under way, those that were stopped, and its rest."""
+"""Memory of a `ValArm`, whichever library moves it: motions under way, those that were stopped, and its rest."""
 
 from __future__ import annotations
 
