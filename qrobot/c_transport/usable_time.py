@@ -12,8 +12,9 @@ _TICKS_PER_S: Final = os.sysconf("SC_CLK_TCK")
 
 
 class UsableTime:
-    """Time that a program can use: all that passes while its threads sleep or are stopped, else what it got of the
-    processors. So a program that shares a processor with others is not taken for slow.
+    """Time that a program can use, so that one that shares a processor with others is not taken for slow.
+
+    It is all that passes while its threads sleep or are stopped, else what it got of the processors.
 
     Args:
         process: the program's number.

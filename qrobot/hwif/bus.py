@@ -1,5 +1,4 @@
-"""The contract of every transport to a board that is more than memory: a `Bus` at the near end, an `Endpoint` at the
-far.
+"""Interfaces of every transport to a board that is more than memory: a `Bus` at the near end, an `Endpoint` at the far.
 
 A bus carries the same two things as the board memory (board_memory.py): register operations out, strictly in the
 order given, and the whole image in. What it is made of - a socket, a CAN interface - is its own affair. `Gateway`
@@ -156,10 +155,10 @@ def check_image(image: Words) -> None:
 
 
 def sane_operations(operations: Operations, references: bool = False) -> Operations:
-    """Filter operations by sense: register accesses at an even offset of the window, and outputs; values cut to 16
-    bits, of analogue outputs to 32.
+    """Filter operations by sense: register accesses at an even offset of the window, and outputs.
 
-    With `references` also those that say where a motor is to be, 32 bits each.
+    Values are cut to 16 bits, of analogue outputs to 32. With `references` also those that say where a motor is to be,
+    32 bits each.
     """
     kind, offset = operations[:, 0], operations[:, 1]
     inside = (offset >= 0) & (offset < WINDOW_BYTES)

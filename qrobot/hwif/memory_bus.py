@@ -56,8 +56,7 @@ class MemoryBus:
         return MemoryEndpoint(segment.memory, self._lane).facts()
 
     def exchange(self, operations: Operations, image: Words) -> None:
-        """Exchange as `Bus.exchange` does, until the board has shown the second image after the operations were
-        taken."""
+        """Exchange as `Bus.exchange` does, until the board has shown two images since it took the operations."""
         memory = self._memory()
         end = MemoryEndpoint(memory, self._lane)
         deadline = Deadline(self.timeout_s)

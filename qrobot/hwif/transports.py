@@ -19,8 +19,13 @@ if TYPE_CHECKING:
 
 
 class Transport(NamedTuple):
-    """The near end of a transport, not connected yet; the time between two exchanges; and how often modules were
-    lost."""
+    """The near end of a transport.
+
+    Attributes:
+        bus: not connected yet.
+        period_ns: time between two exchanges.
+        module_losses: how often remote modules beside the board have been lost.
+    """
 
     bus: Bus
     period_ns: int

@@ -62,8 +62,7 @@ class TaskRecord:
 
 @dataclass(frozen=True)
 class AreaRecord:
-    """Ingredients of a region of shared memory; `variable` is the module and name of shared data, with type and
-    shape."""
+    """Ingredients of a region of shared memory; `variable`: module and name of shared data, with type and shape."""
 
     label: str
     size: int

@@ -47,8 +47,7 @@ class KernelPointer(types.WrapperAddressProtocol):  # type: ignore[misc]
 
     @cached_property
     def address(self) -> int:
-        """Address of the compiled code, while the body lives. Raises TypeError or Numba's when the body does not
-        fit."""
+        """Address of the compiled code, while the body lives. Raises TypeError or Numba's error: it does not fit."""
         body: Any = self.body
         if jit_disabled():
             _BODIES[id(body)] = body
@@ -74,8 +73,10 @@ class KernelPointer(types.WrapperAddressProtocol):  # type: ignore[misc]
 
 
 def function_at(signature: Any) -> Any:
-    """Make the intrinsic that turns the address of a `KernelPointer` of that signature back into a function in
-    kernels. What that raises is printed, and its caller goes on."""
+    """Make the intrinsic by which kernels turn the address of a `KernelPointer` of that signature into a function.
+
+    What that function raises is printed, and its caller goes on.
+    """
     return _function_at(signature, "c_addr")
 
 

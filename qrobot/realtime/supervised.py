@@ -38,8 +38,7 @@ class Supervision:
         return ends
 
     def descriptors(self, rank: int) -> list[int]:
-        """File descriptors that a process of this rank, 0 to RANKS - 1, inherits; SUPERVISOR_VARIABLE tells it of
-        them."""
+        """File descriptors that a process of this rank, 0 to RANKS - 1, inherits, as SUPERVISOR_VARIABLE tells it."""
         return [self._alive[0], self._ranks[rank][1], *(read for read, _ in self._ranks[rank + 1 :])]
 
     def environment(self, rank: int) -> dict[str, str]:

@@ -1,2 +1,1 @@
-"""The transport to a TRC004 board behind a TRC006 card on the ISA bus: port reads and writes from inside compiled
-code."""
+"""The transport to a TRC004 board behind a TRC006 card on the ISA bus: port instructions inside compiled code."""

@@ -16,8 +16,10 @@ DEFAULT_ROBOT: Final = "puma560"
 
 
 def rccl_dispatcher(robot: str = DEFAULT_ROBOT) -> MakeDispatcher:
-    """Maker of dispatchers for programs whose arm is a `robot`, a packaged one's name or a file, unless the variable
-    QROBOT_ROBOT names another."""
+    """Maker of dispatchers for programs whose arm is a `robot`, a packaged one's name or a file.
+
+    The variable QROBOT_ROBOT may name another.
+    """
     return lambda memory, places, link: Dispatcher(memory, list(places), link, os.environ.get(ROBOT) or robot)
 
 
