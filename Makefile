@@ -71,7 +71,7 @@ bench: $(VENV)/bench.stamp ## measure this machine (half an hour; wants a quiet 
 	$(BIN)/python -m benchmarks
 
 docs: $(VENV)/docs.stamp ## build docs/_build/html; a warning is an error
-	@rm -rf docs/api  # of a build that was killed: the pages of code that is gone would be read again
+	@rm -rf docs/api docs/_build  # left by a build that was killed, or by one whose warnings would not be told again
 	$(BIN)/sphinx-build -W --keep-going -q -b html docs docs/_build/html
 	@echo "docs/_build/html/index.html"
 
