@@ -109,7 +109,7 @@ def monitor(
     _check_kind(lockstep, offline, start)
     chosen = choose_arm(deployment, arm)
     control = partial(_control, library, chosen, offline, None, start)
-    begin = partial(_start, load, control, _serve)
+    begin = partial(_start, load, control, _serve, None if offline else chosen)
     return _perform(chosen, begin, load or Path(__file__), deployment, lockstep, offline, None, None, start)
 
 
@@ -171,7 +171,8 @@ def run(
     if (status := _check(file, chosen, board=not offline)) != SUCCESS:
         return status
     control = partial(_control, library, chosen, offline, output, start)
-    begin = partial(_start, file, control, lambda it: _execute(it, execute.lower(), cycles, speed))
+    act = partial(_execute, program=execute.lower(), cycles=cycles, speed=speed)
+    begin = partial(_start, file, control, act, None if offline else chosen)
     with sigterm_as_ctrl_c() as terminated:
         try:
             return _perform(chosen, begin, file, deployment, lockstep, offline, output, log, start)
@@ -200,16 +201,21 @@ def _perform(
 
 
 def _start(
-    file: Path | None, control: Callable[[], AbstractContextManager[ValArm]], act: Callable[[Interpreter], int]
+    file: Path | None,
+    control: Callable[[], AbstractContextManager[ValArm]],
+    act: Callable[[Interpreter], int],
+    wired: DeployedArm | None,
 ) -> int:
-    """Take control of the arm, load the file, and `act`."""
+    """Take control of the arm, load the file, and `act`; `wired` tells where outputs lead."""
     from qrobot.val.interpreter import Interpreter
+    from qrobot.val.signal_lines import signal_lines_of
     from qrobot.val.source import load_source
 
     source = None if file is None else load_source(file)
     sys.argv[0] = f"val: {'monitor' if file is None or act is _serve else file.name}"  # how it greets the bridge
     with control() as arm:
         interpreter = Interpreter(arm, _say, _ask)
+        interpreter.machine.lines = None if wired is None else signal_lines_of(wired)
         if source is not None:
             interpreter.machine.load(source)
         return act(interpreter)

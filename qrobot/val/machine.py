@@ -13,6 +13,7 @@ from qrobot.model.branch import Branch, branch_of
 from qrobot.val.arm import Destination, ValArm
 from qrobot.val.number_ranges import FILES_OWN, TIMER
 from qrobot.val.parser import parse_variable
+from qrobot.val.signal_lines import SignalLines
 from qrobot.val.source import SourceFile, stored_name
 from qrobot.val.tree import NumberLiteral, ValProgram, VariableName
 from qrobot.val.values import JointLocation, Transformation, ValValue, joint_location, stored_numbers, transformation
@@ -39,6 +40,7 @@ class Machine:
         ask: gives the answer to a question of PROMPT.
 
     Attributes:
+        lines: where outputs lead; None where that is not known, as off line: then every one is there.
         analog: volts that each analogue output was told last, which a stop may have ended since.
     """
 
@@ -55,6 +57,7 @@ class Machine:
         self.hand_time_s = DEFAULT_HAND_TIME_S
         self.collision_percent = FILES_OWN
         self.hand_at_next: bool | None = None
+        self.lines: SignalLines | None = None
         self.analog: dict[int, float] = {}
         self._internal: set[int] = set()
         self._timers: dict[float, float] = {}
@@ -120,8 +123,10 @@ class Machine:
         raise ProgramError(no_signal(number))
 
     def set_signal(self, number: int) -> None:
-        """Switch a signal on, or off for a negative number. Raises ProgramError: an input, or none at all."""
+        """Switch a signal on, or off for a negative number. Raises ProgramError: an input, without a line, or none."""
         if abs(number) in OUTPUTS:
+            if self.lines is not None and (refusal := self.lines.refusal(abs(number))):
+                raise ProgramError(refusal)
             self.arm.signal(number)
         elif abs(number) in INTERNAL:
             self._internal = self._internal - {abs(number)} | ({number} if number > 0 else set())

@@ -68,3 +68,15 @@ def test_a_program_greets_its_arm_by_the_name_of_its_file_and_the_monitor_as_suc
     assert run_app(make_app("val"), ["val", "run", "--lockstep", str(file)]) == 0
     assert run_app(make_app("val"), ["val", "--lockstep", "--load", str(file)]) == 0
     assert greeted == ["val: stack.v2", "val: monitor"]
+
+
+@pytest.mark.parametrize(("kind", "outputs"), [("--lockstep", "none"), ("--offline", "3")])
+def test_an_output_without_a_line_is_refused_at_the_monitor_where_there_is_a_board(
+    kind: str, outputs: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("sys.stdin", io.StringIO("DO SIGNAL 3\nIO\nDO RESET\n"))
+    assert run_app(make_app("val"), ["val", kind]) == 0
+    told = capsys.readouterr().out
+    assert ("output 3 is not configured; the deployment file has none" in told) == (kind == "--lockstep")
+    assert f"outputs  {outputs}\n" in told
+    assert told.count("error") == (kind == "--lockstep")
