@@ -47,6 +47,8 @@ def heed_interrupts(patience_s: float = PATIENCE_S) -> Iterator[None]:
 def _watch(signals: socket.socket, heard: threading.Event, patience_s: float) -> None:
     with signals:
         while number := signals.recv(1):
-            if number[0] == signal.SIGINT and not heard.wait(patience_s):
+            if number[0] != signal.SIGINT:
+                continue
+            if not heard.wait(patience_s):
                 os._exit(INTERRUPTED)
             heard.clear()
