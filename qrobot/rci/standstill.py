@@ -26,6 +26,6 @@ class Standstill:
 def nobody_resumes(name: str, reason: str) -> MotionError:
     """Error of a wait for an arm whose motions stand still for `reason`, until somebody lets them go on."""
     return MotionError(
-        f"{name}: {reason}. The arm has stood still for {HELD_S:g} s of virtual time, where no operator can let it go "
-        "on: let the program do so (resume), or not keep its path, so that a stop ends it"
+        f"{name} has stood still for {HELD_S:g} s of virtual time, where the program alone can let it go on (resume): "
+        f"{reason}"
     )

@@ -129,7 +129,7 @@ def test_on_virtual_time_a_wait_for_an_arm_that_nobody_lets_go_on_ends_with_the_
     else:
         fake.before_period = lambda seq: fail(fake, "fault") if seq == 40 else None
     reason = "holds its motions itself" if how == "paused" else "FOLLOWING"
-    with pytest.raises(MotionError, match=rf"{reason}.*120 s of virtual time.*resume"):
+    with pytest.raises(MotionError, match=rf"120 s of virtual time.*resume.*{reason}"):
         (arcl_wait if end == "arcl_wait" else arcl_close)(rp)
     with suppress(ServoFault):
         rp.abandon()

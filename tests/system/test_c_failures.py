@@ -275,6 +275,23 @@ def test_a_robot_that_goes_away_ends_the_program_at_its_next_call(run: Run, robo
 
 
 @needs_compiler
+def test_a_program_that_ends_off_its_path_on_virtual_time_is_told_that_nobody_else_lets_it_go_on(
+    run: Run, robot, capfd
+) -> None:
+    robot.before_period = lambda seq: robot.break_down(FaultCode.FOLLOWING) if seq == 60 else None
+    text = """
+    main() {
+        control();
+        rccl_keep_path(YES, 200., 30.);
+        move(jposition("P", 40., -90., 180., 0., 0., 0.));
+        return 0;
+    }
+    """
+    assert run(text) == 1
+    assert re.search("120 s of virtual time.*FOLLOWING", capfd.readouterr().err)
+
+
+@needs_compiler
 def test_a_program_that_keeps_its_path_sees_why_it_waits_and_goes_on_when_it_confirms(run: Run, robot, capfd) -> None:
     stops = [(10.0, lambda: robot.halt(FaultCode.COLLISION)), (30.0, lambda: robot.break_down(FaultCode.FOLLOWING))]
 

@@ -91,7 +91,7 @@ def test_a_program_that_ends_off_its_path_where_nobody_can_confirm_fails_with_wh
     program.write_text(dedent(INTO_THE_TABLE))
     assert run_app(make_app("run"), ["run", "--lockstep", "--deployment", "pressing", str(program)]) == 1
     assert "COLLISION" in (told := " ".join(capsys.readouterr().err.split()))
-    assert "120 s of virtual time, where no operator can let it go on" in told
+    assert "120 s of virtual time, where the program alone can let it go on" in told
 
 
 @pytest.mark.parametrize("library", ["rccl", "arcl"])

@@ -157,8 +157,11 @@ class ManipDispatcher:
             for channel in arms if message.n else ():
                 channel.finish(self._link.listen)
             left = sum(channel.unserved for channel in arms)
-        finally:
-            self.let_go()
+        except BaseException:
+            with suppress(QRobotError):  # the first error is the one to tell
+                self.let_go()
+            raise
+        self.let_go()
         return CallMessage(Op.REPLY, text=f"{left} motion{'s were' if left > 1 else ' was'} not done" if left else "")
 
     # -------------------------------------------------------------------------------------------------- positions

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Final, TypeAlias
 
 import numpy as np
@@ -10,7 +11,7 @@ import numpy as np
 from qrobot.c_transport.memory import ProgramMemory
 from qrobot.c_transport.message import CallMessage, Op
 from qrobot.c_transport.program_link import ProgramLink
-from qrobot.errors import MotionError
+from qrobot.errors import MotionError, QRobotError
 from qrobot.model.transmission import transmission_params
 from qrobot.rccl import program
 from qrobot.rccl.c.call_row import OBJECT_CALLS, CallReply, CallRow, on_objects
@@ -146,8 +147,11 @@ class Dispatcher:
             if message.n and self._arm is not None:
                 self._arm.finish(self._link.listen)
             left = 0 if self._arm is None else self._arm.unserved
-        finally:
-            self.let_go()
+        except BaseException:
+            with suppress(QRobotError):  # the first error is the one to tell
+                self.let_go()
+            raise
+        self.let_go()
         return CallMessage(Op.REPLY, text=f"{left} motion{'s were' if left > 1 else ' was'} not done" if left else "")
 
     def let_go(self) -> None:
