@@ -14,7 +14,7 @@ category in `qrobot.faultcodes`. The guardian stands beside the cycle, a process
 | fences                 | `watch_fences`                                 | `fences.gate`                         |
 | other arms             | `watch_neighbours`                             | `neighbour`                           |
 | motors, load, contact  | `watch_motors`                                 | `checks.motor_fault_diagnosis`        |
-| encoders that stand    | `watch_motors`                                 | `checks.dead_encoder`                 |
+| encoders that stand    | `watch_motors`                                 | `checks.encoder_monitor`              |
 | brakes                 | `watch_brakes`                                 | `checks.fault_monitors`               |
 | remote modules         | `watch_modules`                                | `checks.fault_monitors`               |
 | setpoints              | `take_frame`, each when it becomes a reference | `stages.setpoint_stream`              |

@@ -3,6 +3,7 @@
     quiet       an hour without a fault: nothing may stop the arm
     held_up     a servo that is kept from running, again and again: only what is true may be told
     encoders    cables that come off: 480 trials
+    hard_collisions  a wall in the way of a tool while a program accelerates hard: 560 trials
     stops       300 stops at random instants, in each form of interpolation
     calibration 200 calibrations from random poses
     deaths      a servo that dies after any of its stores, by every cause and over every way to the board
@@ -19,10 +20,22 @@ import argparse
 import sys
 
 from qrobot.servo.kernels.interpolation_polynomials import FORMS
-from tests.campaigns import calibration, deaths, encoders, held_up, quiet, stops, two_arms, val_lines, val_storms
+from tests.campaigns import (
+    calibration,
+    deaths,
+    encoders,
+    hard_collisions,
+    held_up,
+    quiet,
+    stops,
+    two_arms,
+    val_lines,
+    val_storms,
+)
 
 HOUR_S = 3600.0
 STOPS = 300
+COLLISIONS = 560
 DEATHS = 100  # of each kind
 HELD_UP_DRAWS = 40  # of the mismatched plant, each with all lengths
 SPOILT_LINES = 100_000
@@ -32,7 +45,7 @@ STORMS = 200  # with each library
 def main() -> int:
     """Run the campaign that the command line names; returns the exit status."""
     parser = argparse.ArgumentParser(prog="python -m tests.campaigns", description=__doc__.split("\n\n", 1)[0])
-    others = ["quiet", "held_up", "encoders", "stops", "calibration", "deaths", "two_arms"]
+    others = ["quiet", "held_up", "encoders", "hard_collisions", "stops", "calibration", "deaths", "two_arms"]
     parser.add_argument("name", choices=[*others, "val_lines", "val_storms"])
     name = parser.parse_args().name
     if name == "quiet":
@@ -41,6 +54,8 @@ def main() -> int:
         wrong = held_up.campaign(HELD_UP_DRAWS)
     elif name == "encoders":
         wrong = encoders.campaign()
+    elif name == "hard_collisions":
+        wrong = hard_collisions.campaign(COLLISIONS)
     elif name == "calibration":
         wrong = calibration.campaign()
     elif name == "deaths":

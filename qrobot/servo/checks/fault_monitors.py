@@ -11,14 +11,8 @@ from qrobot.modecodes import Mode
 from qrobot.model.dynamics import inverse_dynamics
 from qrobot.model.transmission import motor_rates, torque_to_motor
 from qrobot.realtime.jit import lean_kernel
-from qrobot.servo.checks.dead_encoder import (
-    WRONG_INERTIA,
-    is_missing,
-    lasting,
-    predict_travel,
-    sliding_torque,
-    torque_bounds,
-)
+from qrobot.servo.checks.dead_encoder import WRONG_INERTIA, lasting
+from qrobot.servo.checks.encoder_monitor import SCALE_SHARE, forget_encoder, watch_encoder
 from qrobot.servo.checks.momentum_observer import STALE, observe_push
 from qrobot.servo.checks.motor_fault_diagnosis import (
     check_parked,
@@ -45,19 +39,11 @@ HOLDING: Final = int(Mode.HOLDING)
 TRACKING: Final = int(Mode.TRACKING)
 STOPPING: Final = int(Mode.STOPPING)
 ENC_STUCK: Final = int(FaultCode.ENC_STUCK)
-BRAKE_STUCK: Final = int(FaultCode.BRAKE_STUCK)
 COLLISION: Final = int(FaultCode.COLLISION)
 IO_LOST: Final = int(FaultCode.IO_LOST)
 RUNAWAY: Final = int(FaultCode.RUNAWAY)
 
-MOVED_COUNTS: Final = 20  # further than a closed brake lets a joint twitch
-MISSING_COUNTS: Final = 4.0  # so many the model is sure of, and none came [A]
-DRIVEN_COUNTS: Final = 5.0  # the reference has gone on by so many since the last: the motor is driven [A]
-GONE_READINGS: Final = 2  # of a potentiometer in a row that show a motor gone
-STRAYED_READINGS: Final = 4  # that show it on its way, where the model is sure of missing counts [A]
-STANDS_TURNS: Final = 0.5  # the model is sure of so much, and the potentiometer shows none of it
 COUPLING_SHARE: Final = 1.0  # C [A]; 2.5 kg in a PUMA's hand bring M_23 from 0.2 of the bound to 0.7
-SCALE_SHARE: Final = 0.3  # S [A]: torques a fifth too small, weights 5 % too light
 OVERTAXED_SHARE: Final = 0.7  # of its following error that a joint with all its torque may fall behind [A]
 OVERTAXED_S: Final = 0.005  # with all its torque, as far behind [A]
 COMPLIANT_PUSH: Final = 0.7  # of tau_max [A], as where a robot file has no threshold of its own
@@ -114,25 +100,6 @@ def watch_modules(state: ServoState) -> None:
 
 
 @lean_kernel
-def follow_counts(params: ServoParameters, state: ServoState, dt: float) -> None:
-    """Note, after a new sample `dt` seconds later, which encoders count, and how fast the motor was when one last did.
-
-    Where motors are coupled, one stands at times while its joint moves.
-    """
-    watch = state.watch
-    watch.sample_s = dt
-    motor_rates(state.v, params.transmission, state.scratch)
-    for j in range(state.q.size):
-        step = (state.counts[j] - watch.counts[j]) * params.watch.count_way[j]
-        watch.step[j] = step
-        if step != 0:
-            watch.travel[j] = watch.travel[j] + step if watch.travel[j] * step > 0 else step
-            watch.counts[j], watch.v_moving[j], watch.still_s[j] = state.counts[j], state.scratch[j], 0.0
-        else:
-            watch.still_s[j] += dt
-
-
-@lean_kernel
 def unseen_s(params: ServoParameters, state: ServoState) -> float:
     """Time for which nothing was seen of the joints: the board is silent, or was until now, or the loop was."""
     images = state.unchanged
@@ -162,7 +129,7 @@ def watch_motors(params: ServoParameters, state: ServoState) -> None:
         return
     for j in range(state.q.size):
         _watch_motor(params, state, j)
-        _watch_encoder(params, state, j)
+        watch_encoder(params, state, j)
 
 
 @lean_kernel
@@ -262,60 +229,6 @@ def catching_up(params: ServoParameters, state: ServoState, j: int, usual_s: flo
 
 
 @lean_kernel
-def forget_encoder(state: ServoState, j: int) -> None:
-    """Forget how joint `j` slides: its watch begins anew from the reference of now."""
-    watch = state.watch
-    watch.travel[j], watch.slid[j], watch.q_ref_then[j] = 0, 0.0, state.q_ref[j]
-    watch.going[j], watch.driven[j], watch.missing_v[j], watch.missing[j] = 0, 0, 0.0, 0.0
-
-
-@lean_kernel
-def _watch_encoder(params: ServoParameters, state: ServoState, j: int) -> None:
-    """Raise an encoder whose joint must have moved since it last counted."""
-    watch, limits, unit = state.watch, params.watch, params.watch.unit_per_count[j]
-    torque, way = state.tau_motor[j], state.scratch[j] * watch.travel[j]
-    if watch.still_s[j] == 0.0:
-        watch.slid[j] = sliding_torque(torque, watch.travel[j], params.inertia[j], watch.bend[j])
-        watch.q_ref_then[j], watch.swept_then[j] = state.q_ref[j], watch.swept
-        watch.going[j] = 1 if way > 0.0 else 0
-        watch.driven[j], watch.missing_v[j], watch.missing[j] = 0, 0.0, 0.0
-        return
-    if not way > 0.0:
-        watch.going[j] = 0
-    if state.unseen != 0:
-        return
-    shifted = limits.unknown_load[j] * (watch.swept - watch.swept_then[j])
-    least, greatest = torque_bounds(
-        watch.slid[j], watch.travel[j], watch.going[j] != 0,
-        limits.holds_up[j], limits.holds_down[j], limits.rise_up[j] + shifted, limits.rise_down[j] + shifted,
-        watch.inertial[j] + watch.planned[j] + WRONG_INERTIA * params.inertia[j] * watch.late[j],
-        SCALE_SHARE * abs(watch.load[j]),
-    )  # fmt: skip
-    watch.missing_v[j], watch.missing[j] = predict_travel(
-        torque, least, greatest, params.inertia[j], state.dt, watch.missing_v[j], watch.missing[j]
-    )
-    watch.driven[j] = 1 if abs(state.q_ref[j] - watch.q_ref_then[j]) > DRIVEN_COUNTS * unit else watch.driven[j]
-    watching = pot_is_watching(state, j)
-    counts = STANDS_TURNS * params.transmission.counts_per_rev[j] if watching else MISSING_COUNTS
-    strayed = abs(state.pots.strayed[j]) >= STRAYED_READINGS and is_missing(watch.missing[j], MISSING_COUNTS, unit)
-    gone = strayed or (watch.driven[j] != 0 and state.pots.gone[j] >= GONE_READINGS)
-    if gone or is_missing(watch.missing[j], counts, unit):
-        code = held_by(params, state, j) if watching and not gone and state.pots.gone[j] == 0 else ENC_STUCK
-        report_fault(state, code, j, abs(torque), greatest if torque > 0.0 else -least)
-
-
-@lean_kernel
-def held_by(params: ServoParameters, state: ServoState, j: int) -> int:
-    """Code of a joint that is driven and stands, as encoder and potentiometer agree; 0 for one that something holds.
-
-    How hard a joint may push against what holds it is a matter of the unexplained torque: a peg on the rim of its hole,
-    or a tool that is pressed on a surface, is no fault.
-    """
-    moved = abs(state.counts[j] - state.watch.counts_on[j]) > MOVED_COUNTS
-    return 0 if moved or params.watch.braked[j] == 0 else BRAKE_STUCK
-
-
-@lean_kernel
 def momentum(params: ServoParameters, state: ServoState, j: int) -> float:
     """Momentum of joint `j`, N m s (N s): of M0, and of the rotors that other joints turn with it."""
     total = params.inertia[j] * state.v[j]
@@ -396,7 +309,7 @@ def _name_push(params: ServoParameters, state: ServoState, j: int) -> None:
     if code != 0 and abs(push) <= limits.unexplained[j] + watch.allowed[j] + watch.planned[j]:
         code = COLLISION  # only a lower threshold was asked for: nothing more is known to be wrong
     if code == ENC_STUCK and pot_is_watching(state, j):
-        return  # a matter of the potentiometer, see `_watch_encoder`
+        return  # a matter of the potentiometer, see `watch_encoder`
     if code == RUNAWAY:
         report_fault(state, code, j, abs(state.v[j]), abs(state.v_ref[j]) + margin)
     else:

@@ -88,7 +88,7 @@ class WatchState:
     planned: Any  # push that it may make, with torques off scale, of late, N m (N)
     allowed: Any  # push that a wrong model may make of such accelerations, N m (N)
     driven: Any  # 1: reference or torque has changed since, int64
-    v_moving: Any  # velocity of the motor when they last changed
+    v_moving: Any  # velocity of the motor when they last changed, see `motor_fault_diagnosis.counted_speed`
     gave_way: Any  # velocity of its reference when it gave way in this stop, see `servo.stages.collision_stop`
     clipped_s: Any  # for how long the torque has been at its limit
     q_parked: Any  # where the arm came to rest without power

@@ -59,7 +59,21 @@ SIGN_S: Final = 0.0045
 TURNED_S: Final = 0.008  # after a push beyond all torque: by then the velocity shows whether the counts run backwards
 SIGN_DRIVE: Final = 0.3  # of the threshold: with less torque there is no telling
 FELT_SHARE: Final = 0.5  # of the threshold: smaller pushes may be the model's, and do not count as work [A]
+BRAKED_SHARE: Final = 0.875  # of its estimated velocity: a joint that has counted less, by more than one, brakes [A]
 WORK_S: Final = 0.025  # in which work is forgotten: longer than a blow [A]
+
+
+@lean_kernel
+def counted_speed(v: float, v_before: float, step: int, before: int, speed_of_count: float) -> float:
+    """Estimated velocity `v`, but no faster than the newest two samples have counted, `step` and `before`.
+
+    The estimate lags behind a joint that a blow stops within milliseconds; its counts do not, and become fewer. Of an
+    encoder that dies only the newest sample is a part of one. Where the one before was slower already than `v`, or than
+    `v_before` as it was then, the joint brakes.
+    """
+    braked = (abs(before) + 1) * speed_of_count < BRAKED_SHARE * max(abs(v), abs(v_before))
+    most = (abs(step) if braked else max(abs(step), abs(before))) * speed_of_count
+    return min(max(v, -most), most)
 
 
 @lean_kernel

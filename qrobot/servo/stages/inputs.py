@@ -22,7 +22,7 @@ from qrobot.realtime.jit import lean_kernel, part_kernel
 from qrobot.servo.calibration.potentiometers import forget_pots, gather_pot, has_table, watch_pots
 from qrobot.servo.calibration.procedure import see_load
 from qrobot.servo.calibration.state import Stage
-from qrobot.servo.checks.fault_monitors import follow_counts
+from qrobot.servo.checks.encoder_monitor import follow_counts
 from qrobot.servo.checks.limit_checks import (
     RUNAWAY,
     VELOCITY_CATEGORY_0,

@@ -30,6 +30,7 @@ from qrobot.servo.checks.motor_fault_diagnosis import (
     check_parked,
     check_push,
     check_saturation,
+    counted_speed,
     counts_along,
     outruns,
     power_given,
@@ -303,3 +304,26 @@ def test_a_parked_joint_with_a_brake_stays_within_the_slip_allowed(q: list[float
     parked = np.array([0.5, -2.0, 0.0])
     assert check_parked(parked, parked, brake, slip) == (F.NONE, NO_JOINT)
     assert check_parked(-parked, parked, brake, slip) == (F.BRAKE_SLIP, 0)
+
+
+@pytest.mark.parametrize(
+    ("v", "v_before", "step", "before", "expected"),
+    [
+        (4.0, 4.0, 8, 8, 4.0),
+        (-4.0, -4.0, -8, -8, -4.0),
+        (4.0, 4.0, 3, 8, 4.0),  # the part of a cycle in which an encoder that dies still counted
+        (4.0, 4.0, 3, 6, 3.0),  # within rounding of 0.875 v
+        (4.0, 4.0, 3, 5, 1.5),  # a blow: the estimate has not followed yet
+        (-4.0, -4.0, -3, -5, -1.5),
+        (3.0, 4.0, 3, 5, 1.5),  # nor is what it was
+        (3.0, 3.0, 3, 5, 2.5),
+        (4.0, 0.0, 5, 3, 2.5),
+        (1.0, 0.0, 1, 1, 0.5),
+        (0.25, 0.25, 1, 0, 0.25),  # a slow joint counts once in some cycles
+        (2.0, -2.0, 1, -3, 1.5),  # it has turned round
+    ],
+)
+def test_a_joint_was_no_faster_than_it_has_counted(
+    v: float, v_before: float, step: int, before: int, expected: float
+) -> None:
+    assert counted_speed(v, v_before, step, before, 0.5) == expected

@@ -13,15 +13,16 @@ from qrobot.modecodes import Mode
 from qrobot.model.dynamics import DynamicsParams, dynamics_params, dynamics_work, inverse_dynamics, with_payload
 from qrobot.rig.lockstep import LockstepRig
 from qrobot.servo.checks.dead_encoder import LAG_S
-from qrobot.servo.checks.fault_monitors import OVERTAXED_S, OVERTAXED_SHARE, SCALE_SHARE
+from qrobot.servo.checks.encoder_monitor import SCALE_SHARE
+from qrobot.servo.checks.fault_monitors import OVERTAXED_S, OVERTAXED_SHARE
 from qrobot.servo.memory.setpoint_queue import POSITION_SETPOINT
 from qrobot.servo.memory.stop_record import read_incident
 from qrobot.servo.operator.motion_requests import REACTIONS
 from qrobot.servo.settings import ServoSettings
 from qrobot.sim_board.emulator import Emulator
 from qrobot.sim_board.mismatch import PlantMismatch
-from tests.property.test_legal_streams import stream
 from tests.support.campaign import PUMA, FastLeg, N
+from tests.support.hard_streams import stream
 
 BARE = dynamics_params(PUMA)
 LOADED = with_payload(BARE, PUMA.limits.payload_kg, np.array([0.0, 0.0, PUMA.geometry.flange_m]))
