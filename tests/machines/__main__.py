@@ -1,7 +1,8 @@
 """`python -m tests.machines [ROW ...] [--times N] [FILE ...]`: do the tests pass on any machine, without reruns?
 
 Each row of `rows.py` is a machine made out of this one: quiet, busy, one processor, half a processor, a wall clock that
-goes ten times as fast or as slow. Without a row all of them, without a file the whole suite: some two hours.
+goes ten times as fast or as slow. Without a row all of them, without a file the whole suite: some two hours. With half
+a processor a test on the wall clock may be run again, and is named then.
 Ends with a table, and with 1 when a test failed anywhere.
 """
 

@@ -25,6 +25,8 @@ QUOTAS: Final = (
 )
 # Factors of how long the tests wait before they give up: what comes late on a machine that is slow may still come.
 BUSY_PATIENCE, HALF_PATIENCE = 2.0, 5.0
+# A quota stops all for 50 ms at a time: a test whose stream of setpoints is lost by that is run again, and named.
+HALF_RERUNS: Final = "2"
 CLOCK: Final = Path(__file__).with_name("scaled_clock.c")
 
 
@@ -82,7 +84,8 @@ def _half(stack: ExitStack) -> Place:
     if not any(_quota(stack, *quota) for quota in QUOTAS):
         print("no quota can be had here: pinned to one processor, beside a busy loop", flush=True)
         stack.enter_context(_busy_loop(min(os.sched_getaffinity(0))))
-    return _patient(_one(stack), HALF_PATIENCE)
+    place = _patient(_one(stack), HALF_PATIENCE)
+    return replace(place, environment={**place.environment, "QROBOT_RERUNS": HALF_RERUNS})
 
 
 def _quota(stack: ExitStack, groups: Path, controls: Sequence[tuple[str, str]]) -> bool:
