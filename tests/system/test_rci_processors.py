@@ -51,7 +51,7 @@ def counts() -> np.ndarray:
 def alive(pid: int) -> bool:
     try:
         return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
-    except FileNotFoundError:
+    except (FileNotFoundError, ProcessLookupError):  # it was taken note of before the file was opened, or read
         return False
 
 
