@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import threading
 from collections import Counter
 from pathlib import Path
 
@@ -10,6 +12,7 @@ import pytest
 from qrobot.c_transport import callback_slot, engine
 from qrobot.c_transport.message import Op
 from qrobot.rccl.c.program import run_executable
+from qrobot.realtime.setup import favoured_thread
 from tests.support.c_programs import compiled_text, needs_compiler, offline
 
 pytestmark = [needs_compiler, pytest.mark.usefixtures("own_cache")]
@@ -57,6 +60,26 @@ NESTED = """
         waitfor(completed)
         release("done");
         printf("%d %d\\n", turns_called, samples);
+        return 0;
+    }
+"""
+
+FAVOURED = """
+    #define _GNU_SOURCE
+    #include <sys/resource.h>
+    #include <unistd.h>
+    int niceness;
+
+    look() { niceness = getpriority(PRIO_PROCESS, gettid()); }
+
+    main()
+    {
+        control(look);
+        setime(100., 1000.);
+        move(jposition("P", 40., -90., 180., 0., 0., 0.));
+        waitfor(completed)
+        release("done");
+        printf("%d %d\\n", niceness, getpriority(PRIO_PROCESS, gettid()));
         return 0;
     }
 """
@@ -121,3 +144,12 @@ def test_a_function_may_ask_what_takes_another_function(by_messages_alone, neste
     called, ran = counts(nested, monkeypatch, capfd)
     assert called == ran
     assert ran[0] > 0
+
+
+def test_the_thread_of_these_functions_is_favoured_where_that_is_allowed(folder: Path, capfd) -> None:
+    own = os.getpriority(os.PRIO_PROCESS, 0)
+    with favoured_thread():
+        allowed = os.getpriority(os.PRIO_PROCESS, threading.get_native_id())
+    status, _ = offline(lambda: run_executable(compiled_text(FAVOURED, folder, name="favoured")))
+    assert status == 0
+    assert capfd.readouterr().out.splitlines()[-1] == f"{allowed} {own}"

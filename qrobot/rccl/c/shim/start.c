@@ -6,6 +6,7 @@
 #include <signal.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/resource.h>
 #include <sys/socket.h>
 #include <sys/uio.h>
 #include <unistd.h>
@@ -15,6 +16,7 @@
 #define ENGINE "QROBOT_ENGINE" /* two channels, when somebody has started an engine for this program: "3,4" */
 #define PYTHON "QROBOT_PYTHON" /* another Python than that of `qrobot cc` */
 #define PATIENCE_MS 10000      /* for an arm that comes to rest */
+#define FAVOURED_NICENESS (-10) /* that of qrobot/realtime/setup.py */
 
 static pid_t owner = 0; /* a child of the program has no arm */
 static pthread_t background;
@@ -123,8 +125,11 @@ static void catch_signals(void)
     }
 }
 
+/* A sample waits for the functions of the program that it calls, so their thread waits for few others, where that is
+ * allowed. */
 static void *serve(void *channel)
 {
+    setpriority(PRIO_PROCESS, (id_t) gettid(), FAVOURED_NICENESS);
     shim_serve((int) (intptr_t) channel);
     return NULL;
 }
