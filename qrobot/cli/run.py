@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Final
 
 from cyclopts import Parameter
 
@@ -30,6 +30,13 @@ if TYPE_CHECKING:
     from qrobot.config.deployment import DeployedArm
     from qrobot.rci import LinkFactory
     from qrobot.wire import Hello
+
+NO_PROGRAMS: Final = {
+    ".c": "a source: compile it with `qrobot cc {program} -o {program.stem}`, and run that",
+    ".toml": "a deployment file, not a program: `qrobot run --deployment {program} PROGRAM`",
+    ".v2": "a program in VAL II: `qrobot val run {program}`",
+}
+"""What is given in place of a program of Python, or one that was compiled, and what to do."""
 
 
 def run(
@@ -150,10 +157,8 @@ def _check(program: Path, emulated: Sequence[str], lockstep: bool, offline: bool
         raise ConfigError("--start: only with --lockstep or --offline; a running arm stands where it is")
     if not program.is_file():
         raise ConfigError(f"no program {program}")
-    if program.suffix == ".c":
-        raise ConfigError(
-            f"{program} is a source: compile it with `qrobot cc {program} -o {program.stem}`, and run that"
-        )
+    if program.suffix in NO_PROGRAMS:
+        raise ConfigError(f"{program} is {NO_PROGRAMS[program.suffix].format(program=program)}")
     if offline and (lockstep or emulated):
         raise ConfigError(f"--offline knows no servo and no board: leave out {', '.join(emulated) or '--lockstep'}")
     if emulated and not lockstep:

@@ -94,6 +94,16 @@ def test_a_source_is_not_run_but_compiled_first(source: Path, capfd) -> None:
     assert f"`qrobot cc {source} -o hello`" in " ".join(capfd.readouterr().err.split())
 
 
+@pytest.mark.parametrize(
+    ("name", "advice"),
+    [("cell.toml", "`qrobot run --deployment {} PROGRAM`"), ("palletise.v2", "`qrobot val run {}`")],
+)
+def test_a_file_of_another_kind_is_no_program(name: str, advice: str, tmp_path: Path, capfd) -> None:
+    (tmp_path / name).touch()
+    assert run_app(make_app("run"), ["run", str(tmp_path / name)]) == 1
+    assert advice.format(tmp_path / name) in " ".join(capfd.readouterr().err.split())
+
+
 def test_what_the_compiler_refuses_is_refused_in_its_words(tmp_path: Path, capfd) -> None:
     (tmp_path / "wrong.c").write_text("main() { this is no C }\n")
     assert cc(tmp_path / "wrong.c", "-o", tmp_path / "wrong") == 1
