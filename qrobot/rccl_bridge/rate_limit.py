@@ -6,10 +6,9 @@ _SECOND_NS = 1_000_000_000
 
 
 class RateLimit:
-    """Lets `per_second` events through in each second; counts the rest in `held_back`."""
+    """Lets `per_second` events through in each second."""
 
     def __init__(self, per_second: int = 10) -> None:
-        self.held_back = 0
         self._per_second = per_second
         self._second = -1
         self._used = 0
@@ -20,6 +19,4 @@ class RateLimit:
         if second != self._second:
             self._second, self._used = second, 0
         self._used += 1
-        passes = self._used <= self._per_second
-        self.held_back += not passes
-        return passes
+        return self._used <= self._per_second

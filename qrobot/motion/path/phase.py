@@ -31,11 +31,6 @@ class Phase(Enum):
         return self in (Phase.PATH_STOP, Phase.PATH_STOP_ENDING, Phase.JOINT_STOP)
 
     @property
-    def on_path_stop(self) -> bool:
-        """Path time slows down."""
-        return self in (Phase.PATH_STOP, Phase.PATH_STOP_ENDING)
-
-    @property
     def ending(self) -> bool:
         """The transition to rest at a goal has begun."""
         return self in (Phase.ENDING, Phase.PATH_STOP_ENDING)
