@@ -6,6 +6,7 @@ Tests that are not marked `realtime` are refused every clock; those that are hav
 import gc
 import os
 import signal
+import sys
 from collections.abc import Generator, Iterator
 from pathlib import Path
 
@@ -103,6 +104,16 @@ def _reason(report: pytest.TestReport) -> str:
     """The first line of what a test failed by."""
     crash = getattr(report.longrepr, "reprcrash", None)
     return str(crash.message if crash is not None else report.longrepr).partition("\n")[0]
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _no_arm_stays_held() -> Iterator[None]:
+    """The end of a program lets go of all arms of its process: also of those that tests before it had left held."""
+    yield
+    if (loaded := sys.modules.get("qrobot.rccl.arm_session")) is not None:
+        left = [hold._name for hold in loaded.ArmSession._holds]
+        loaded.ArmSession.end_all(well=False)
+        assert not left, f"tests of this module still hold {left}"
 
 
 @pytest.fixture

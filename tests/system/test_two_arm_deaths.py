@@ -7,6 +7,7 @@ from contextlib import nullcontext
 import numpy as np
 import pytest
 
+from qrobot.rccl.arm_session import ArmSession
 from qrobot.rccl.task_group import TaskGroup
 from qrobot.rci.client import Client
 from tests.support import two_arm_deaths
@@ -33,4 +34,7 @@ def test_a_program_that_waits_for_a_dead_servo_would_be_found(monkeypatch: pytes
 def test_an_arm_that_is_left_to_its_servo_would_be_found(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(TaskGroup, "lose", TaskGroup.leave)
     monkeypatch.setattr(two_arm_deaths, "ending", nullcontext)
-    assert "right has fault" in judge(Death("bridge", "left", 0.4)).wrong
+    try:
+        assert "right has fault" in judge(Death("bridge", "left", 0.4)).wrong
+    finally:
+        ArmSession.end_all(well=False)
