@@ -56,7 +56,7 @@ def test_one_that_is_interrupted_ends_by_itself_and_one_that_does_not_listen_is_
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(command_run, "INTERRUPTED_S", PATIENCE_S)
-    run = run_of("print('up')\ntry: input()\nexcept KeyboardInterrupt: print('at rest')\nexcept EOFError: input")
+    run = run_of("try: print('up'); input()\nexcept KeyboardInterrupt: print('at rest')\nexcept EOFError: input")
     wait_until(says(run, "up"), "it runs")
     run.interrupt()
     run.wait(PATIENCE_S)
