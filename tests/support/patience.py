@@ -12,7 +12,7 @@ PATIENCE_S: Final = 60.0 * _FACTOR  # with what has to come; only a test that fa
 PATIENCE_MS: Final = 60_000.0 * _FACTOR
 STALL_MS: Final = 250.0  # by which a process may be late where others want the processor too
 MOMENT_S: Final = 0.05  # with what will not come
-_POLL_S: Final = 0.001
+_POLL_S, _LONGEST_POLL_S = 0.001, 0.01  # a test that waits takes little from what it waits for
 
 
 def give_time(seconds: float = MOMENT_S) -> None:
@@ -22,7 +22,8 @@ def give_time(seconds: float = MOMENT_S) -> None:
 
 def wait_until(condition: Callable[[], object], what: str = "it", seconds: float = PATIENCE_S) -> None:
     """Poll on the wall clock. Fails the test when the condition does not come true within `seconds`."""
-    deadline = time.monotonic() + seconds
+    deadline, poll_s = time.monotonic() + seconds, _POLL_S
     while not condition():
         assert time.monotonic() < deadline, f"not within {seconds:g} s: {what}"
-        time.sleep(_POLL_S)
+        time.sleep(poll_s)
+        poll_s = min(1.2 * poll_s, _LONGEST_POLL_S)

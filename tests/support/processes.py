@@ -12,7 +12,7 @@ import subprocess
 import sys
 import time
 import uuid
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
@@ -239,6 +239,14 @@ class RunningArm:
         """A field of the servo's memory."""
         with attach_servo_memory(self.name) as segment:
             return int(getattr(getattr(segment.front, block), name))
+
+    @contextmanager
+    def new_cycles(self) -> Iterator[Callable[[], Rows]]:
+        """Gives the cycles since it was called last, from now on: to wait for something among them costs little."""
+        with attach_servo_memory(self.name) as segment:
+            info = ServoMailbox(segment.words).info
+            reader = TelemetryReader(segment.words, info.telemetry_base, info.telemetry_capacity, info.n, False)
+            yield reader.read
 
     def telemetry(self) -> Rows:
         """Every cycle still in the ring, oldest first."""

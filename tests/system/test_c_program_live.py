@@ -5,12 +5,14 @@ from __future__ import annotations
 import os
 import signal
 import subprocess
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from qrobot.modecodes import Mode
+from qrobot.servo.memory.telemetry import Rows
 from tests.support.c_programs import EXAMPLES, compiled, needs_compiler
 from tests.support.patience import wait_until
 from tests.support.processes import RunningArm
@@ -23,20 +25,27 @@ def under_way(program: Path, arm: RunningArm) -> subprocess.Popen[str]:
     """The program, when it has left the park pose."""
     environment = os.environ | {"QROBOT_BRIDGE": f"{arm.arm.bridge.host}:{arm.arm.bridge.port}"}
     pipes = dict.fromkeys(("stdin", "stdout", "stderr"), subprocess.PIPE)
-    tick = arm.snapshot().tick
-    process = subprocess.Popen([program], env=environment, text=True, **pipes)
-    wait_until(lambda: process.poll() is not None or _has_left(arm, tick), "the arm leaves the park pose")
+    with arm.new_cycles() as cycles:
+        process = subprocess.Popen([program], env=environment, text=True, **pipes)
+        departure = Departure(cycles)
+        wait_until(lambda: process.poll() is not None or departure.seen(), "the arm leaves the park pose")
     assert process.poll() is None, process.communicate()[1]
     return process
 
 
-def _has_left(arm: RunningArm, tick: int) -> bool:
-    """It was there, and has gone, while a program moved it after this tick."""
-    rows = arm.telemetry()
-    rows = rows[(rows["tick"] > tick) & (rows["mode"] == Mode.TRACKING)]
-    off = np.abs(rows["q"] - PARK).max(axis=1)
-    there = np.flatnonzero(off < 0.02)
-    return there.size > 0 and bool((off[there[0] :] > 0.05).any())
+class Departure:
+    """Looks whether a program has brought the arm to the park pose, and away from there, in these cycles."""
+
+    def __init__(self, cycles: Callable[[], Rows]) -> None:
+        self._cycles, self._was_there = cycles, False
+
+    def seen(self) -> bool:
+        rows = self._cycles()
+        for off in np.abs(rows["q"][rows["mode"] == Mode.TRACKING] - PARK).max(axis=1, initial=0.0):
+            self._was_there = self._was_there or off < 0.02
+            if self._was_there and off > 0.05:
+                return True
+        return False
 
 
 def test_the_arm_stops_when_return_is_hit_and_when_the_program_is_interrupted_s04(
