@@ -17,6 +17,7 @@
 #define NEAR 0.05 /* rad */
 #define MOVE_S 2.0
 #define POWER_S 20.0
+#define ASK_AGAIN_S 4.0 /* longer than the servo itself waits for power */
 
 static volatile sig_atomic_t interrupted;
 
@@ -26,13 +27,17 @@ static void interrupt(int number)
     interrupted = 1;
 }
 
-/* Wait until the arm follows setpoints. Returns NULL, or what is in the way. */
+/* Wait until the arm follows setpoints. Power comes on a request that is raised: it is low at first, for a program before
+ * this one may have left it high, and again when it was refused, as while an arm without power still swings.
+ * Returns NULL, or what is in the way. */
 static const char *power_on(struct driver *driver, struct how *how, struct chg *chg)
 {
-    double until = how->time + POWER_S;
+    double until = how->time + POWER_S, asked = how->time - ASK_AGAIN_S;
 
-    chg->power = 1;
     do {
+        chg->power = how->powered || how->time - asked < ASK_AGAIN_S;
+        if (!chg->power)
+            asked = how->time;
         if (driver_exchange(driver, how, chg) != QROBOT_OK)
             return driver->link.error;
         if (how->fault)
@@ -40,7 +45,10 @@ static const char *power_on(struct driver *driver, struct how *how, struct chg *
         if (interrupted)
             return "interrupted";
     } while (!(how->powered && how->following) && how->time < until);
-    return how->following ? NULL : "the arm does not get ready: is it calibrated, and the emergency stop released?";
+    if (how->following)
+        return NULL;
+    return driver->state.event ? qrobot_fault_text(driver->state.event)
+                               : "the arm does not get ready: is it calibrated, and the emergency stop released?";
 }
 
 /* The control function: where the last joint is to be `t` seconds after the start. There and back on a cosine. */

@@ -25,6 +25,7 @@ def test_a_task_in_c_swings_a_joint_and_leaves_the_arm_at_rest(arm: RunningArm, 
     program = tmp_path / "swing"
     source = ROOT / "examples/c/swing_one_joint.c"
     subprocess.run([COMPILER, "-O2", "-I", ROOT / "qrobot/wire/c", "-o", program, source, "-lm"], check=True)
+    arm.wait_for_rest()
     bridge = os.environ | {"QROBOT_BRIDGE": f"127.0.0.1:{arm.arm.bridge.port}"}
     done = subprocess.run([program, "puma560"], capture_output=True, text=True, env=bridge, check=False)
     assert (done.returncode, done.stderr) == (0, "")
