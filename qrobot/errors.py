@@ -25,6 +25,8 @@ QRobotError
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from typing import Any
 
 
@@ -173,3 +175,15 @@ class Stalled(QRobotError):
 def error_text(error: Exception) -> str:
     """Text of an error; of an OSError without its number, and the name of the file, which the caller tells."""
     return str(getattr(error, "strerror", None) or error)
+
+
+@contextmanager
+def letting_go(let_go: Callable[[], object]) -> Iterator[None]:
+    """Call `let_go` after the block, however that ends; of two errors of ours the first one is told, the block's."""
+    try:
+        yield
+    except BaseException:
+        with suppress(QRobotError):
+            let_go()
+        raise
+    let_go()

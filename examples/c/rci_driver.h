@@ -25,7 +25,7 @@ struct how {
 };
 
 struct chg {
-    int power;          /* a level: arm power as long as it is set */
+    int power;          /* a level: arm power comes when it is raised, and stays as long as it is set */
     int clear_fault;    /* once, then lowered by the driver */
     int move;           /* follow `angle`; lowered by the driver when the arm was stopped */
     double angle[QROBOT_MAX_JOINTS];

@@ -13,7 +13,7 @@ from qrobot.arcl.machine import MachineSample, RobotMachine
 from qrobot.arcl.machine.digital import check_analog, set_bits
 from qrobot.arrays import Floats
 from qrobot.config import Robot
-from qrobot.config.signals import N_BOARD_INPUTS, NamedSignal
+from qrobot.config.signals import N_BOARD_INPUTS, NamedSignal, no_output
 from qrobot.errors import ConfigError, MotionError
 from qrobot.rci.arguments import collision_of, payload_of
 from qrobot.rci.machine_choice import machine_choice
@@ -144,11 +144,7 @@ class LineCalls(ABC):
         if not missing:
             return
         if output:
-            known = ", ".join(map(str, sorted(there))) or "none"
-            raise MotionError(
-                f"new_iod: output {missing[0]} of {self.name} is not configured; the deployment file has {known}: "
-                "add it to [[arm.board.outputs]], or to a module's"
-            )
+            raise MotionError(f"new_iod: {no_output(f'output {missing[0]} of {self.name}', there)}")
         raise MotionError(
             f"new_iod: no line leads to input line {missing[0]} of {self.name}; there are lines 1 to {N_BOARD_INPUTS}, "
             "of the board, and modules stand for those"

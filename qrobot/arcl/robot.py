@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from contextlib import suppress
 from copy import copy
 from typing import Any, Final
 
@@ -28,7 +27,7 @@ from qrobot.arcl.trace import exec_line, request_line
 from qrobot.arcl.trans import Trans, new_trans_value
 from qrobot.arrays import Floats
 from qrobot.config import Robot
-from qrobot.errors import ConfigError, LinkError, MotionError, QRobotError, ServoFault
+from qrobot.errors import ConfigError, LinkError, MotionError, QRobotError, ServoFault, letting_go
 from qrobot.fences.in_force import fences_for
 from qrobot.motion import Trsf, whole_samples
 from qrobot.rci.machine_choice import machine_choice
@@ -252,15 +251,10 @@ class ArclRobot(PathCalls, LineCalls):
         """
         if self._closed:
             return
-        try:
+        with letting_go(lambda: self.abandon(power_off)):
             if not self._given_up:
                 self.wait()
                 self.stop()
-        except BaseException:
-            with suppress(QRobotError):  # the first error is the one to tell
-                self.abandon(power_off)
-            raise
-        self.abandon(power_off)
 
     def abandon(self, power_off: bool = False) -> None:
         """Stop, and let go of the arm; what waits is not done. Does nothing after `close`."""

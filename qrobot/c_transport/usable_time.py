@@ -6,8 +6,9 @@ import os
 from pathlib import Path
 from typing import Final
 
+from qrobot.realtime.process_stat import STATE, SYSTEM_TICKS, USER_TICKS, stat_fields
+
 PROCESSES: Final = Path("/proc")
-_STATE, _USER, _SYSTEM = 0, 11, 12  # fields behind the name in brackets (proc(5): state is the 3rd, utime the 14th)
 _TICKS_PER_S: Final = os.sysconf("SC_CLK_TCK")
 
 
@@ -36,17 +37,13 @@ class UsableTime:
 
     def _processor_s(self) -> float:
         try:
-            fields = _fields(self._folder / "stat")
-            return (int(fields[_USER]) + int(fields[_SYSTEM])) / _TICKS_PER_S
+            fields = stat_fields(self._folder)
+            return (int(fields[USER_TICKS]) + int(fields[SYSTEM_TICKS])) / _TICKS_PER_S
         except (OSError, ValueError, IndexError):
             return 0.0
 
     def _wants_a_processor(self) -> bool:
         try:
-            return any(_fields(thread / "stat")[_STATE] == "R" for thread in (self._folder / "task").iterdir())
+            return any(stat_fields(thread)[STATE] == "R" for thread in (self._folder / "task").iterdir())
         except (OSError, IndexError):
             return False
-
-
-def _fields(stat: Path) -> list[str]:
-    return stat.read_text().rpartition(")")[2].split()

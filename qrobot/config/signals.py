@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from typing import Annotated, Final
 
 from pydantic import Field, model_validator
@@ -14,6 +15,14 @@ N_CHANNELS: Final = 8  # of its converter
 _KINDS: Final = ("inputs", "outputs", "analog", "analog_output")
 _Input = Annotated[int, Field(ge=0, lt=N_BOARD_INPUTS)]
 _Output = Annotated[int, Field(ge=1, le=N_OUTPUTS)]
+
+
+def no_output(what: str, outputs: Collection[int]) -> str:
+    """Reason against an output, `what` by name, that is not among those of the deployment file."""
+    there = ", ".join(map(str, sorted(outputs))) or "none"
+    return (
+        f"{what} is not configured; the deployment file has {there}: add it to [[arm.board.outputs]], or to a module's"
+    )
 
 
 class NamedSignal(Table):

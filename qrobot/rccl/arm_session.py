@@ -5,11 +5,11 @@ from __future__ import annotations
 import atexit
 import sys
 from collections.abc import Callable
-from contextlib import AbstractContextManager, suppress
+from contextlib import AbstractContextManager
 from typing import ClassVar
 from weakref import WeakKeyDictionary
 
-from qrobot.errors import LinkError, MotionError, QRobotError
+from qrobot.errors import LinkError, MotionError, QRobotError, letting_go
 from qrobot.rccl.standstill import RcclStandstill
 from qrobot.rccl.task import TrajectoryTask
 from qrobot.rccl.trace import Trace
@@ -209,14 +209,9 @@ class ArmSession:
 
     def end(self, well: bool) -> None:
         """The program has ended: do its motions if it did so well, and release. Raises what those raise."""
-        try:
+        with letting_go(lambda: self.release(power_off=False)):
             if well:
                 self.finish(lambda: None)
-        except BaseException:
-            with suppress(QRobotError):  # the first error is the one to tell
-                self.release(power_off=False)
-            raise
-        self.release(power_off=False)
 
     @classmethod
     def end_all(cls, well: bool) -> None:

@@ -14,7 +14,7 @@ import numpy as np
 
 from qrobot.arrays import Floats
 from qrobot.config import Robot
-from qrobot.errors import ConfigError, LinkError, MotionError, QRobotError
+from qrobot.errors import ConfigError, LinkError, MotionError, QRobotError, letting_go
 from qrobot.motion import Equation, Exerted, PlannedPath, TransformKind, Trsf
 from qrobot.motion.kept import WayBackLimit
 from qrobot.rccl.arguments import require_function, sample_period_us
@@ -109,13 +109,9 @@ class Channel(MotionParameters, HandAndOutputs):
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        try:
+        with letting_go(lambda: self._let_go(error)):
             if ended_well(error):
                 self.finish()
-        except BaseException as first:
-            self._let_go(first)
-            raise
-        self._let_go(error)
 
     def _let_go(self, error: BaseException | None) -> None:
         try:

@@ -6,15 +6,16 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Final
 
+from qrobot.realtime.process_stat import MAJOR_FAULTS, MINOR_FAULTS, stat_fields
+
 TASKS: Final = Path("/proc/self/task")
-_MINOR, _MAJOR = 7, 9  # fields behind the name in brackets, from 0 (proc(5): minflt is the 10th, majflt the 12th)
 
 
 def page_faults(thread: int, tasks: Path = TASKS) -> int | None:
     """Minor and major page faults of `thread` of this process since it began; None when it has ended."""
     with suppress(OSError, ValueError, IndexError):
-        fields = (tasks / str(thread) / "stat").read_text().rpartition(")")[2].split()
-        return int(fields[_MINOR]) + int(fields[_MAJOR])
+        fields = stat_fields(tasks / str(thread))
+        return int(fields[MINOR_FAULTS]) + int(fields[MAJOR_FAULTS])
     return None
 
 

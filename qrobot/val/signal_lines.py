@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Final
 
 from qrobot.config.deployment import DeployedArm
-from qrobot.config.signals import N_BOARD_INPUTS
+from qrobot.config.signals import N_BOARD_INPUTS, no_output
 from qrobot.val.vocabulary import INPUTS, OUTPUTS
 
 _BOARD_INPUTS: Final = range(INPUTS.start, INPUTS.start + N_BOARD_INPUTS)
@@ -41,11 +41,7 @@ class SignalLines:
     def refusal(self, number: int) -> str:
         """Reason against an output or input that has no line; "" for none, and for signals of other kinds."""
         if number in OUTPUTS and number not in self.outputs:
-            there = ", ".join(map(str, sorted(self.outputs))) or "none"
-            return (
-                f"output {number} is not configured; the deployment file has {there}: "
-                "add it to [[arm.board.outputs]], or to a module's"
-            )
+            return no_output(f"output {number}", self.outputs)
         if number in INPUTS and number not in _BOARD_INPUTS:
             first, last = _BOARD_INPUTS[0], _BOARD_INPUTS[-1]
             return f"no line leads to input {number}; the board's are {first} to {last}, and modules stand for those"

@@ -243,20 +243,22 @@ class RunningArm:
     @contextmanager
     def new_cycles(self) -> Iterator[Callable[[], Rows]]:
         """Gives the cycles since it was called last, from now on: to wait for something among them costs little."""
-        with attach_servo_memory(self.name) as segment:
-            info = ServoMailbox(segment.words).info
-            reader = TelemetryReader(segment.words, info.telemetry_base, info.telemetry_capacity, info.n, False)
+        with self._telemetry_reader(from_oldest=False) as reader:
             yield reader.read
 
     def telemetry(self) -> Rows:
         """Every cycle still in the ring, oldest first."""
-        with attach_servo_memory(self.name) as segment:
-            info = ServoMailbox(segment.words).info
-            reader = TelemetryReader(segment.words, info.telemetry_base, info.telemetry_capacity, info.n)
+        with self._telemetry_reader(from_oldest=True) as reader:
             blocks = []
             while (block := reader.read()).size:
                 blocks.append(block)
             return np.concatenate(blocks)
+
+    @contextmanager
+    def _telemetry_reader(self, from_oldest: bool) -> Iterator[TelemetryReader]:
+        with attach_servo_memory(self.name) as segment:
+            info = ServoMailbox(segment.words).info
+            yield TelemetryReader(segment.words, info.telemetry_base, info.telemetry_capacity, info.n, from_oldest)
 
     def newest_log(self) -> Path:
         """The file the recorder writes."""

@@ -19,6 +19,7 @@ from qrobot.modecodes import Mode
 from qrobot.rci import TaskDescriptor, TaskState
 from qrobot.rci.processor_names import claim_processor
 from qrobot.rci.thread_driver import PRIORITY
+from qrobot.realtime.process_stat import STATE, stat_fields
 from qrobot.realtime.setup import set_fifo
 from tests.support import rci_auxiliary as functions
 from tests.support.patience import wait_until
@@ -50,7 +51,7 @@ def counts() -> np.ndarray:
 
 def alive(pid: int) -> bool:
     try:
-        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+        return stat_fields(Path(f"/proc/{pid}"))[STATE] != "Z"
     except (FileNotFoundError, ProcessLookupError):  # it was taken note of before the file was opened, or read
         return False
 

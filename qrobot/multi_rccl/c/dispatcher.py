@@ -10,7 +10,7 @@ from typing import Any, Final, TypeAlias
 from qrobot.c_transport.memory import ProgramMemory
 from qrobot.c_transport.message import REFS, CallMessage, Op
 from qrobot.c_transport.program_link import ProgramLink
-from qrobot.errors import MotionError, QRobotError
+from qrobot.errors import MotionError, QRobotError, letting_go
 from qrobot.motion import TransformKind
 from qrobot.multi_rccl import program as calls
 from qrobot.multi_rccl.c.shared_manip import SharedManip
@@ -153,15 +153,10 @@ class ManipDispatcher:
             calls.rccl_release(self.manip(message))
             return None
         arms = [arm.channel for arm in self._program.robots]
-        try:
+        with letting_go(self.let_go):
             for channel in arms if message.n else ():
                 channel.finish(self._link.listen)
             left = sum(channel.unserved for channel in arms)
-        except BaseException:
-            with suppress(QRobotError):  # the first error is the one to tell
-                self.let_go()
-            raise
-        self.let_go()
         return CallMessage(Op.REPLY, text=f"{left} motion{'s were' if left > 1 else ' was'} not done" if left else "")
 
     # -------------------------------------------------------------------------------------------------- positions

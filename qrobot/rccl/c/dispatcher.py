@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from contextlib import suppress
 from typing import Final, TypeAlias
 
 import numpy as np
@@ -11,7 +10,7 @@ import numpy as np
 from qrobot.c_transport.memory import ProgramMemory
 from qrobot.c_transport.message import CallMessage, Op
 from qrobot.c_transport.program_link import ProgramLink
-from qrobot.errors import MotionError, QRobotError
+from qrobot.errors import MotionError, letting_go
 from qrobot.model.transmission import transmission_params
 from qrobot.rccl import program
 from qrobot.rccl.c.call_row import OBJECT_CALLS, CallReply, CallRow, on_objects
@@ -143,15 +142,10 @@ class Dispatcher:
 
     def release(self, message: CallMessage) -> CallReply:
         """Let go of it; when `n`, after all motions are done. The answer says how many were left."""
-        try:
+        with letting_go(self.let_go):
             if message.n and self._arm is not None:
                 self._arm.finish(self._link.listen)
             left = 0 if self._arm is None else self._arm.unserved
-        except BaseException:
-            with suppress(QRobotError):  # the first error is the one to tell
-                self.let_go()
-            raise
-        self.let_go()
         return CallMessage(Op.REPLY, text=f"{left} motion{'s were' if left > 1 else ' was'} not done" if left else "")
 
     def let_go(self) -> None:
