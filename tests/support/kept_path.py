@@ -24,13 +24,16 @@ def fail(robot: FakeRobot, way: str) -> None:
         robot.q = tuple(np.array(robot.q) + SAG)
 
 
-def check_goes_on(before: Floats, after: Floats, nominal: Floats, way: str) -> None:
-    """Setpoints (samples, n) before a stop and after it lead slowly back to the `nominal` path, and on along it."""
+def check_goes_on(before: Floats, after: Floats, nominal: Floats, way: str, same: float = ROUNDING) -> None:
+    """Setpoints (samples, n) before a stop and after it lead slowly back to the `nominal` path, and on along it.
+
+    Places that are less than `same` apart, rad, are one.
+    """
     coarseness = np.abs(np.diff(nominal, axis=0)).max()
     off = np.abs(after[:, None] - nominal[None]).max(axis=2).min(axis=1) > coarseness
     assert np.flatnonzero(np.diff(off.astype(int))).size <= 1  # once back on the path, always on it
     assert off.any() == (way == "fault")
-    assert np.abs(before[-1] - after).max(axis=1).min() < ROUNDING  # no place is left out
+    assert np.abs(before[-1] - after).max(axis=1).min() < same  # no place is left out
     assert (np.abs(np.diff(after[off], axis=0)) <= SLOW).all()
     assert (np.abs(np.diff(after, n=2, axis=0)) / PERIOD_S**2 <= LIMITS.a_max * (1.0 + ROUNDING)).all()
 

@@ -82,7 +82,7 @@ def test_the_path_goes_on_where_a_stop_of_the_servo_has_left_it(fake: FakeRobot,
         path = np.array(fake.path)
     assert len(told) == 2  # why, and nothing
     nominal = plan.table(np.linspace(0.0, plan.duration_s, 1_000))[:, 0]
-    check_goes_on(path[: followed[0]], path[followed[0] :], nominal, way)
+    check_goes_on(path[: followed[0]], path[followed[0] :], nominal, way, same=1e-12)
     assert path[-1] == pytest.approx(np.radians(END), abs=1e-4)  # the last one is still to be followed
 
 
