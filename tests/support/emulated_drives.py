@@ -199,6 +199,10 @@ class EmulatedDrives:
 
     # ------------------------------------------------------------------------------------------------------ inside
 
+    def _step(self) -> None:
+        self._move()
+        self.tell()
+
     def _drive(self, node: int) -> EmulatedDrive:
         return self.drives[self.nodes.index(node)]
 
@@ -209,8 +213,8 @@ class EmulatedDrives:
                 if not drive.operational:
                     drive.control(DISABLE_VOLTAGE)
 
-    def _step(self) -> None:
-        self._move()
+    def tell(self) -> None:
+        """Send status word and position of each drive: after a SYNC, and unasked."""
         for node, drive in zip(self.nodes, self.drives, strict=True):
             if drive.operational:
                 self.send(TPDO[0] + node, FROM_DRIVE.pack(drive.status, drive.position))

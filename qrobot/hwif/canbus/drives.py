@@ -106,6 +106,7 @@ class DrivesBus:
             self._setpoints.take(kind, offset, value)
             if kind == OP_WRITE:
                 self._write(offset, value)
+        self.link.drain()  # what a drive has told unasked, or too late, is older than what it is asked for now
         asked_ns = self._now_ns()
         self._transmit()
         self._collect()

@@ -45,13 +45,15 @@ class CanLink:
         self._nodes = frozenset(nodes)
         self._bus: can.BusABC | None = None
         self._emergencies: dict[int, int] = {}
+        self._restarted: int | None = None
 
     def open(self) -> None:
         """Open the interface unless it is, and forget what came in. Raises LinkError."""
         if self._bus is None:
             self._bus = open_interface(*self._where)
-        self._emergencies.clear()
         self.drain()
+        self._emergencies.clear()
+        self._restarted = None
 
     def close(self) -> None:
         """Let go of the interface. May be called twice."""
@@ -76,22 +78,20 @@ class CanLink:
         """
         while (left_s := deadline.left_s) > 0:
             message = self._next(left_s)
-            if message is None or message.is_error_frame or message.is_remote_frame:
-                continue
-            self._listen(message)
-            node = message.arbitration_id - HEARTBEAT
-            if node in self._nodes and message.data == b"\0":
-                raise LinkLost(f"node {node} has started anew{self.emergencies}")
-            return message
+            if message is not None:
+                self._listen(message)
+            if self._restarted is not None:
+                raise LinkLost(f"node {self._restarted} has started anew{self.emergencies}")
+            if message is not None and _has_data(message):
+                return message
         raise LinkTimeout(f"{whom} does not answer{self.emergencies}")
 
     def waiting(self) -> list[can.Message]:
         """The data frames that have come in, without waiting for more."""
-        messages = iter(lambda: self._next(0.0), None)
-        return [message for message in messages if not message.is_error_frame and not message.is_remote_frame]
+        return [message for message in iter(lambda: self._next(0.0), None) if _has_data(message)]
 
     def drain(self) -> None:
-        """Pass over what has come in, but for emergency messages."""
+        """Pass over what has come in, so that it is not taken for an answer; emergencies and restarts are noted."""
         while (message := self._next(0.0)) is not None:
             self._listen(message)
 
@@ -128,6 +128,11 @@ class CanLink:
             return int(number)
 
     def _listen(self, message: can.Message) -> None:
+        """Note an emergency message, and the boot-up message of a node that has started anew."""
+        if not _has_data(message):
+            return
+        if message.arbitration_id - HEARTBEAT in self._nodes and message.data == b"\0":
+            self._restarted = message.arbitration_id - HEARTBEAT
         node = message.arbitration_id - EMCY
         if node in self._nodes and len(message.data) >= 2:
             code = int.from_bytes(message.data[:2], "little")
@@ -148,3 +153,7 @@ class CanLink:
         if self._bus is None:
             raise LinkError("not connected")
         return self._bus
+
+
+def _has_data(message: can.Message) -> bool:
+    return not message.is_error_frame and not message.is_remote_frame

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from qrobot.config import load_robot
-from qrobot.errors import LinkTimeout, RemoteProtocolError
+from qrobot.errors import LinkLost, LinkTimeout, RemoteProtocolError
 from qrobot.faultcodes import FaultCode
 from qrobot.hwif.bus import Endpoint
 from qrobot.hwif.canbus.drives import DrivesBus
@@ -156,6 +156,22 @@ def test_a_drive_that_is_silent_is_named_with_what_it_complained_of(drives: Driv
     with pytest.raises(LinkTimeout, match="node 5 does not answer; emergency messages: 0x2310 of node 5"):
         drives.exchange()
     assert drives.image.tolist() == image.tolist()
+
+
+def test_what_drives_tell_unasked_is_never_taken_for_the_answer(drives: Drives) -> None:
+    for counts in (0, 100, 200, 300):
+        for _ in range(3):
+            drives.far.tell()
+        drives.far.end.bench.shaft[:] = counts  # type: ignore[attr-defined]
+        drives.exchange(times=2)
+        assert drives.counts() == [counts] * 6
+
+
+def test_a_drive_that_has_started_anew_between_two_exchanges_is_named(drives: Drives) -> None:
+    drives.exchange()
+    drives.far.boot()
+    with pytest.raises(LinkLost, match="has started anew"):
+        drives.exchange()
 
 
 def test_a_node_that_is_no_drive_is_refused(drives: Drives, monkeypatch: pytest.MonkeyPatch) -> None:
