@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from contextlib import closing
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Final
 
@@ -34,7 +35,8 @@ def check(
 
     In the order in which mistakes do least harm: what only reads, then what writes without arm power, then, with
     --power, power for an instant and a short push on each joint. The walk ends at the first step that fails, and leaves
-    torque and power off. Counters and the calibration keep their values.
+    torque and power off, also when Ctrl-C, SIGTERM or a terminal that is closed ends it. Counters and the calibration
+    keep their values; a walk that is broken off while counters take loads leaves the board uncalibrated.
 
     `qrobot board` must run, unless the board is a card on this machine's own bus, and no servo. Exit status 0 when
     nothing was found amiss, 1 otherwise.
@@ -56,6 +58,7 @@ def check(
     """
     from qrobot.rig.board_check import Permissions, check_board
     from qrobot.rig.board_walk import Walk
+    from qrobot.rig.interrupts import interrupted_by_signals
 
     if not yes and not read_only and not sys.stdin.isatty():
         raise ConfigError("nobody is there to answer: use a terminal, or --yes, or --read-only")
@@ -67,10 +70,12 @@ def check(
         (lambda _question: True) if yes else _ask,
     )
     findings = []
-    for finding in check_board(walk, Permissions(read_only, power, hands=not yes and not read_only)):
-        findings.append(finding)
-        if not json:
-            _tell(finding)
+    permissions = Permissions(read_only, power, hands=not yes and not read_only)
+    with interrupted_by_signals(), closing(check_board(walk, permissions)) as made:
+        for finding in made:
+            findings.append(finding)
+            if not json:
+                _tell(finding)
     good = all(finding.ok is not False for finding in findings)
     if json:
         write_json({"good": good, "findings": [asdict(finding) for finding in findings]})

@@ -1,14 +1,14 @@
 """A walk through a board that nobody has driven yet, in the order in which mistakes do least harm.
 
 First what only reads, then what writes without arm power, then power for an instant, at last a short push on each
-joint. A step that fails ends the walk, and whatever happens, torque and power are off at its end. Everything goes over
-a `Bus`: the same walk is made on the emulated board, on one behind a gateway, and on a card in this machine.
+joint. A step that fails ends the walk, and whatever happens, torque and power are switched off at its end; a finding
+says when that is not seen to have worked. Everything goes over a `Bus`: the same walk is made on the emulated board, on
+one behind a gateway, and on a card in this machine.
 """
 
 from __future__ import annotations
 
-import contextlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterator
 from dataclasses import dataclass
 from typing import Final, NamedTuple
 
@@ -38,6 +38,7 @@ from qrobot.hwif.registers import (
     STATUS_POWER,
 )
 from qrobot.rig.board_walk import SCRATCH, Walk
+from qrobot.rig.interrupts import interrupts_deferred
 from qrobot.servo.kernels.converter import code_volts
 
 LOAD_STEP: Final = 1000  # counts added to a counter to see that it takes a load
@@ -99,8 +100,12 @@ class Permissions:
     hands: bool = True
 
 
-def check_board(walk: Walk, allowed: Permissions) -> Iterator[StepResult]:
-    """Make the steps, one after the other. Raises nothing of ours: what goes wrong is a finding."""
+def check_board(walk: Walk, allowed: Permissions) -> Generator[StepResult]:
+    """Make the steps, one after the other; from the main thread. What goes wrong is a finding.
+
+    Raises:
+        StepError: the walk was broken off, and torque and power may still be on.
+    """
     try:
         walk.begin()
     except QRobotError as error:
@@ -109,15 +114,35 @@ def check_board(walk: Walk, allowed: Permissions) -> Iterator[StepResult]:
         )
         return
     try:
-        for step in STEPS:
-            finding = _make(step, walk, allowed)
-            yield finding
-            if finding.ok is False:
-                return
-    finally:
-        with contextlib.suppress(QRobotError):  # a board that is gone cannot be made safe; its finding says that it is
-            if not allowed.read_only:
+        yield from _make_all(walk, allowed)
+    except BaseException:  # Ctrl-C, or nobody wants the other findings
+        _leave_safe(walk, allowed)
+        raise
+    try:
+        _leave_safe(walk, allowed)
+    except StepError as error:
+        yield StepResult("torque and power off", False, str(error), error.remedy)
+
+
+def _make_all(walk: Walk, allowed: Permissions) -> Iterator[StepResult]:
+    for step in STEPS:
+        finding = _make(step, walk, allowed)
+        yield finding
+        if finding.ok is False:
+            return
+
+
+def _leave_safe(walk: Walk, allowed: Permissions) -> None:
+    """Torque and power off, untorn by a second Ctrl-C, and let go of the board. Raises StepError."""
+    try:
+        if walk.seen and not allowed.read_only:
+            with interrupts_deferred():
                 walk.make_safe()
+    except QRobotError as error:
+        raise StepError(
+            f"they may still be on, PRESS THE EMERGENCY STOP: {error}", "press the emergency stop"
+        ) from error
+    finally:
         walk.bus.close()
 
 
@@ -190,16 +215,27 @@ def toggle_scratch(walk: Walk) -> str:
 
 
 def load_counters(walk: Walk) -> str:
-    """Each counter takes a load, and gets its count back."""
-    before = walk.counts()
-    walk.write(*((ENC_LOAD + 2 * joint, count + LOAD_STEP & 0xFFFF) for joint, count in enumerate(before)))
-    moved = walk.moved(before)
-    walk.write(*((ENC_LOAD + 2 * j, walk.word(ENC_COUNT + 2 * j) - LOAD_STEP & 0xFFFF) for j in range(len(before))))
-    wrong = [joint + 1 for joint, by in enumerate(moved) if abs(by - LOAD_STEP) > STILL]
+    """Each counter takes a load, and gets its count back; until that is seen, the board is not calibrated."""
+    before, kept = walk.counts(), walk.kept
+    walk.write((DISCRETE, kept & ~DISCRETE_CALIBRATED))
+    try:
+        _add_to_counters(walk, [LOAD_STEP] * len(before))
+        loaded = walk.moved(before)
+    finally:
+        walk.look()  # whether a load that got no answer was taken
+        _add_to_counters(walk, [-LOAD_STEP * round(by / LOAD_STEP) for by in walk.moved(before)])
+    steps = zip(loaded, walk.moved(before), strict=True)
+    wrong = [joint + 1 for joint, (by, back) in enumerate(steps) if abs(by - LOAD_STEP) > STILL or abs(back) > STILL]
     if wrong:
-        walk.write((DISCRETE, walk.kept & ~DISCRETE_CALIBRATED))  # who knows what the counters hold now
         raise StepError(f"{_joints(wrong)} did not take a load", "is the arm at rest? else its counter is at fault")
+    walk.write((DISCRETE, kept))
     return f"{len(before)} counters take a load; their counts are back"
+
+
+def _add_to_counters(walk: Walk, steps: list[int]) -> None:
+    """Load counters with what the newest image shows and so many counts more; those with 0 stay alone."""
+    counts = enumerate(zip(walk.counts(), steps, strict=True))
+    walk.write(*((ENC_LOAD + 2 * joint, count + step & 0xFFFF) for joint, (count, step) in counts if step))
 
 
 def arm_indexes(walk: Walk) -> str:

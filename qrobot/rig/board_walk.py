@@ -68,13 +68,17 @@ class Walk:
         self.bus.exchange(np.array(accesses, np.int64).reshape(-1, OP_FIELDS), self._image)
 
     def make_safe(self) -> None:
-        """Torque and power off; the scratch bits stay."""
-        self.look()
+        """Torque and power off, also where images have stopped coming; the scratch bits stay as the newest has them."""
         self.bus.exchange(safe_operations(self.status), self._image)
 
     def word(self, offset: int) -> int:
         """An input word of the newest image."""
         return int(self._image[input_at(offset)])
+
+    @property
+    def seen(self) -> bool:
+        """Whether there has been an image."""
+        return bool(self._image.any())
 
     @property
     def status(self) -> int:

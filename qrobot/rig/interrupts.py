@@ -30,3 +30,22 @@ def interrupts_deferred() -> Iterator[None]:
     for number, frame in came[:1]:
         if callable(handler := before[number]):
             handler(number, frame)
+
+
+@contextmanager
+def interrupted_by_signals() -> Iterator[None]:
+    """SIGTERM, and SIGHUP of a closed terminal, raise KeyboardInterrupt, as SIGINT does. From the main thread."""
+    before = {number: signal.getsignal(number) for number in INTERRUPTS[1:]}
+    for number, handler in before.items():
+        if handler is not signal.SIG_IGN:  # nohup has ignored SIGHUP
+            signal.signal(number, interrupt)
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def interrupt(_number: int, _frame: FrameType | None) -> None:
+    """Handler of a signal: do as Ctrl-C does."""
+    raise KeyboardInterrupt

@@ -18,7 +18,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from types import FrameType, TracebackType
+from types import TracebackType
 from typing import IO, Any
 
 from qrobot.errors import LinkBusy, LinkError, LinkTimeout, QRobotError
@@ -26,7 +26,7 @@ from qrobot.hwif.board_memory import attach_board_memory
 from qrobot.realtime.shared_memory import SharedMemory, discard_dead
 from qrobot.realtime.startup_order import TURN_VARIABLE
 from qrobot.realtime.supervised import Supervision
-from qrobot.rig.interrupts import interrupts_deferred
+from qrobot.rig.interrupts import interrupt, interrupts_deferred
 from qrobot.servo.memory.servo_memory import ServoFront, attach_servo_memory
 
 START_PATIENCE_S = 400.0  # a first start compiles everything, perhaps on a busy machine
@@ -190,7 +190,7 @@ class ProcessRig:
         self._handlers = {number: signal.getsignal(number) for number in numbers}
         for number in numbers[1:]:
             if self._handlers[number] is not signal.SIG_IGN:  # nohup has ignored SIGHUP
-                signal.signal(number, _interrupt)
+                signal.signal(number, interrupt)
         return self
 
     def __exit__(
@@ -203,10 +203,6 @@ class ProcessRig:
         finally:
             for number, handler in self._handlers.items():
                 signal.signal(number, handler)
-
-
-def _interrupt(_number: int, _frame: FrameType | None) -> None:
-    raise KeyboardInterrupt
 
 
 def _wait_for(child: Child, ready: Callable[[], bool]) -> None:

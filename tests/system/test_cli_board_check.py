@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import signal
 import subprocess
 import sys
 import uuid
@@ -11,17 +12,18 @@ from pathlib import Path
 
 import pytest
 
-from qrobot.cli.console import FAILURE
+from qrobot.cli.console import FAILURE, INTERRUPTED
 from qrobot.config import load_robot
-from qrobot.hwif.registers import DAC_ZERO
+from qrobot.hwif.registers import DAC_ZERO, DISCRETE, DISCRETE_POWER
 from qrobot.hwif.trace import read_trace
 from qrobot.rig.board_check import STEPS
 from qrobot.servo.memory.servo_memory import create_servo_memory
 from qrobot.servo.memory.telemetry import SMALLEST_RING
 from qrobot.sim_board.emulator import Emulator
 from qrobot.sim_board.server import EmulatedBoardServer
-from tests.support.patience import PATIENCE_S
+from tests.support.patience import PATIENCE_S, wait_until
 from tests.support.processes import qrobot
+from tests.support.signals import default_signals
 
 pytestmark = pytest.mark.realtime
 
@@ -56,6 +58,21 @@ def test_a_script_gets_every_finding_and_the_board_is_left_safe(server: Emulated
     assert [finding["step"] for finding in report["findings"] if finding["ok"] is None] == left_out
     assert not server.emulator.powered
     assert (server.emulator.bundle.board.dac == DAC_ZERO).all()
+
+
+@pytest.mark.parametrize("number", [signal.SIGHUP, signal.SIGTERM])
+def test_a_walk_that_is_ended_in_the_middle_of_a_push_leaves_the_board_safe(
+    server: EmulatedBoardServer, deployment: Path, number: signal.Signals
+) -> None:
+    board, memory = server.emulator.bundle.board, server.segment.memory
+    with default_signals(signal.SIGHUP), qrobot("board", "check", deployment, "--yes", "--power") as process:
+        wait_until(lambda: bool((board.dac != DAC_ZERO).any()), "a push")
+        process.send_signal(number)
+        process.communicate(timeout=PATIENCE_S)
+    assert process.returncode == INTERRUPTED
+    assert (board.dac == DAC_ZERO).all()
+    discrete = [row[3] for row in read_trace(memory) if row[2] == DISCRETE]
+    assert not discrete[-1] & DISCRETE_POWER
 
 
 def test_a_dry_run_writes_nothing_and_says_what_it_left_out(server: EmulatedBoardServer, deployment: Path) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import signal
 from collections.abc import Callable
 from typing import Any
 
@@ -12,23 +14,26 @@ from qrobot.arrays import Words
 from qrobot.config import load_robot
 from qrobot.errors import LinkLost
 from qrobot.hwif.bus import BoardFacts, Operations
-from qrobot.hwif.image import IMAGE_ENC_COUNT, IMAGE_INPUTS, IMAGE_STATUS
+from qrobot.hwif.image import IMAGE_ENC_COUNT, IMAGE_INPUTS, IMAGE_STATUS, make_image
 from qrobot.hwif.operations import OP_WRITE
 from qrobot.hwif.registers import (
     DAC,
     DAC_ZERO,
     DISCRETE,
     DISCRETE_POWER,
+    ENC_LOAD,
     STATUS_ADC_BUSY,
     STATUS_INDEX,
 )
-from qrobot.rig.board_check import STEPS, Permissions, StepResult, check_board
+from qrobot.rig.board_check import STEPS, Permissions, StepError, StepResult, check_board
 from qrobot.rig.board_walk import Walk
+from qrobot.rig.interrupts import interrupted_by_signals
 from qrobot.sim_board.board import BoardOptions
 from qrobot.sim_board.emulator import Emulator
 from qrobot.sim_board.faults import FaultPlan
 from tests.support.bus import DirectBus
 from tests.support.fake_card import FakeCard, FakeCardBus
+from tests.support.signals import default_signals
 from tests.support.stepping_endpoint import SteppingEndpoint
 
 ROBOT = load_robot("puma560")
@@ -200,20 +205,95 @@ def test_an_encoder_that_counts_backwards_is_found_by_hand() -> None:
     assert "swap A and B" in last.remedy
 
 
-def test_a_board_that_goes_away_is_a_finding_at_any_step() -> None:
+def lose_images(desk: Desk, when: Callable[[], bool], times: int = 1_000_000) -> None:
+    """No image comes back any more from the exchange on at which `when` holds, `times` in a row."""
+    lost = 0
+
+    def spoil(_image: Words) -> None:
+        nonlocal lost
+        lost += lost > 0 or when()
+        if 0 < lost <= times:
+            raise LinkLost("the cable is out")
+
+    desk.spoil = spoil
+
+
+def test_a_board_that_goes_away_is_a_finding_at_any_step_and_who_may_still_have_power_says_so() -> None:
     for exchanges in (0, 1, 2, 30, 40, 60, 500):
         desk = Desk()
-        left = [exchanges]
+        left = iter(range(exchanges, -1, -1))
+        lose_images(desk, lambda left=left: next(left) == 0)  # type: ignore[misc]
+        first, *others = [finding for finding in desk.check() if finding.ok is False]
+        assert first.detail == "the cable is out"
+        assert [finding.remedy for finding in others] == ["press the emergency stop"] * bool(exchanges)
 
-        def cut(_image: Words, desk: Desk = desk, left: list[int] = left) -> None:
-            left[0] -= 1
-            if left[0] < 0:
-                raise LinkLost("the cable is out")
 
-        desk.spoil = cut
-        *_, last = desk.check()
-        assert last.ok is False
-        assert last.detail == "the cable is out"
+def pushing(desk: Desk) -> bool:
+    """A joint is being pushed."""
+    return bool((desk.emulator.bundle.board.dac != DAC_ZERO).any())
+
+
+def test_images_that_stop_coming_in_the_middle_of_a_push_leave_neither_torque_nor_power() -> None:
+    desk = Desk()
+    lose_images(desk, lambda: pushing(desk))
+    *_, push, last = desk.check()
+    assert (push.step, push.ok) == ("a push on each joint", False)
+    assert (last.step, last.ok) == ("torque and power off", False)
+    assert "EMERGENCY STOP" in last.detail
+    assert not pushing(desk)
+    desk.end.apply(np.zeros((0, 3), np.int64))
+    assert not desk.emulator.powered
+
+
+@pytest.mark.parametrize("first", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_a_second_interrupt_does_not_tear_what_switches_torque_and_power_off(first: signal.Signals) -> None:
+    desk = Desk()
+    left: list[bool] = []
+
+    def interrupt(_image: Words) -> None:
+        if pushing(desk) or left:
+            left.append(pushing(desk))
+            signal.raise_signal(first if len(left) == 1 else signal.SIGINT)
+
+    desk.spoil = interrupt
+    with default_signals(signal.SIGHUP), interrupted_by_signals(), pytest.raises(KeyboardInterrupt):
+        desk.check()
+    assert left == [True, False]
+    assert desk.bus.closed == 1
+
+
+def test_a_walk_that_nobody_follows_any_more_ends_safe_or_raises() -> None:
+    for lost in (False, True):
+        desk = Desk()
+        findings = check_board(desk.walk, UNATTENDED)
+        next(findings)
+        desk.bus.cut = lost
+        with pytest.raises(StepError, match="EMERGENCY STOP") if lost else contextlib.nullcontext():
+            findings.close()
+        assert desk.bus.closed == 1
+
+
+@pytest.mark.parametrize("taken", [True, False])
+def test_a_load_of_the_counters_that_gets_no_answer_leaves_their_counts_or_no_calibration(taken: bool) -> None:
+    for times in (1, 2, 1_000_000):
+        desk = Desk(start="ready")
+        counters = desk.emulator.counters.copy()
+        exchange, left = desk.bus.exchange, [times]
+
+        def lose(operations: Operations, image: Words, exchange: Any = exchange, left: list[int] = left) -> None:
+            if left[0] and (left[0] < times or (operations[:, 1] == ENC_LOAD).any()):  # noqa: B023
+                left[0] -= 1
+                if taken:
+                    exchange(operations, make_image())
+                raise LinkLost("no answer")
+            exchange(operations, image)
+
+        desk.bus.exchange = lose  # type: ignore[method-assign]
+        failed = next(finding for finding in desk.check() if finding.ok is False)
+        assert (failed.step, failed.detail) == ("counters take a load", "no answer")
+        back = bool((desk.emulator.counters == counters).all())
+        assert back or not desk.emulator.calibrated
+        assert back or times > 1
 
 
 def test_no_board_is_a_finding() -> None:
