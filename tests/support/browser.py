@@ -5,13 +5,15 @@ from __future__ import annotations
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any
+from typing import Any, Literal
 
 from selenium import webdriver
 from selenium.common.exceptions import StaleElementReferenceException
 from selenium.webdriver.chrome.options import Options
 from selenium.webdriver.chrome.service import Service
 from selenium.webdriver.common.action_chains import ActionChains
+from selenium.webdriver.common.actions.action_builder import ActionBuilder
+from selenium.webdriver.common.actions.mouse_button import MouseButton
 
 from tests.support.patience import wait_until
 
@@ -111,9 +113,38 @@ class Page:
         """Press a button and keep it down: by its number among those to hold, or by its id."""
         wait_until(lambda: self._pressed(button), f"button {button} is pressed")
 
+    def touch(self, place: str) -> None:
+        """Press the button of the mouse at the first element of a selector, and keep it down."""
+        found = self._in_window().find_element("css selector", place)
+        ActionChains(self._driver, duration=0).click_and_hold(found).perform()
+
     def let_go(self) -> None:
         """Let go of what is pressed."""
         ActionChains(self._in_window(), duration=0).release().perform()
+
+    def let_go_with_the_right_button_down(self) -> None:
+        """Press the right button of the mouse as well, and let go of the left one alone."""
+        hand = ActionBuilder(self._in_window(), duration=0)
+        hand.pointer_action.pointer_down(MouseButton.RIGHT).pointer_up(MouseButton.LEFT)
+        hand.perform()
+
+    def let_go_of_the_right_button(self) -> None:
+        """The same of that one."""
+        hand = ActionBuilder(self._in_window(), duration=0)
+        hand.pointer_action.pointer_up(MouseButton.RIGHT)
+        hand.perform()
+
+    def key(self, way: Literal["Down", "Up"], name: str, modifiers: int = 0, repeat: bool = False) -> None:
+        """A key of the keyboard goes down or up, under the name that its layout gives it now.
+
+        Args:
+            way: of the key.
+            name: `key` of the event.
+            modifiers: that are down, a sum of 1 Alt, 2 Ctrl, 4 Meta and 8 Shift.
+            repeat: it is still down.
+        """
+        told = {"type": f"key{way}", "key": name, "modifiers": modifiers, "autoRepeat": repeat}
+        self._in_window().execute_cdp_cmd("Input.dispatchKeyEvent", told)
 
     def type(self, keys: str) -> None:
         """Type at no field."""

@@ -9,6 +9,7 @@ import re
 import signal
 import subprocess
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -72,6 +73,13 @@ for (const q of arguments[0]) ahead.follow(waist(q)), left.push(ahead.points);
 ahead.forget();
 return left;
 """
+IS_HELD = "return pendant.press !== null"
+ALT, CTRL, META, SHIFT = 1, 2, 4, 8
+ENDS_OF_A_HELD_KEY: tuple[Callable[[Page], None], ...] = (
+    *(partial(Page.key, way="Up", name=name) for name in (".", ">", ":", ";", ",", "Enter", "Shift")),
+    *(partial(Page.key, way="Down", name=name) for name in ("Shift", "Control", "Alt", "Meta", "AltGraph", "x", "Tab")),
+    partial(Page.touch, place=".scene canvas"),
+)
 TOOL_COLOUR = (192, 57, 43)  # of the marker at the tool's tip
 AROUND_PX = 14
 ELBOW, LEADING_N_M, LED_RAD, LED_S = 2, 12.0, 0.03, 1.5  # friction holds a PUMA against less
@@ -192,19 +200,29 @@ def state_of_program(page: Page) -> object:
     return page.run("return pendant.armStatus.program.state")
 
 
-def press_until(page: Page, arm: RunningArm, far: Callable[[], bool], button: int = PLUS_OF_JOINT_1) -> None:
+def press_joint_1(page: Page) -> None:
+    page.press(PLUS_OF_JOINT_1)
+
+
+def press_until(
+    page: Page,
+    arm: RunningArm,
+    far: Callable[[], bool],
+    press: Callable[[Page], None] = press_joint_1,
+    let_go: Callable[[Page], None] = Page.let_go,
+) -> None:
     """Press anew whenever the arm stays at rest: a page that stalls on a busy machine ends its press, as it should.
 
     When the process that moves the arm stalls, the arm has to be taken anew as well.
     """
-    page.press(button)
+    press(page)
 
     def comes() -> bool:
         if not far() and all(is_at_rest(arm) for _ in range(LOOKS_BEFORE_ANOTHER_PRESS)):
-            page.let_go()
+            let_go(page)
             if page.run("return pendant.armStatus.session === 'no'"):
                 take(page)
-            page.press(button)
+            press(page)
         return far()
 
     wait_until(comes, "the arm moves")
@@ -279,7 +297,7 @@ def the_tool_goes_along_the_axes_of_a_taught_place(page: Page, arm: RunningArm) 
     wait_until(lambda: page.choose_option("jog-axes", "at TABLE"), "its axes can be chosen")
     began, kinematics = arm.snapshot().q_setpoint, Arm(load_robot("puma560"))
     way = lambda: (kinematics.forward(arm.snapshot().q_setpoint) - kinematics.forward(began))[:3, 3]  # noqa: E731
-    press_until(page, arm, lambda: bool(np.linalg.norm(way()) > FAR_M), PLUS_OF_X)
+    press_until(page, arm, lambda: bool(np.linalg.norm(way()) > FAR_M), lambda page: page.press(PLUS_OF_X))
     page.let_go()
     wait_until(lambda: is_at_rest(arm), "at rest")
     assert way()[1] > 0.95 * np.linalg.norm(way())  # at the end the servo itself may have braked it, joint by joint
@@ -485,6 +503,50 @@ def the_page_knows_how_far_off_each_fence_is(page: Page, pendant: Pendant) -> No
             assert told["distance"] == pytest.approx(near[told["fence"]].distance, abs=1e-3)
         assert len(near) == 5
     assert page.shows(".scene .nearest", "mm off")
+
+
+def test_what_is_held_ends_with_the_key_or_button_whatever_that_is_called_meanwhile_and_with_any_other(
+    arm: RunningArm, pendant: Pendant
+) -> None:
+    arm.wait_for_rest()
+    with open_browser() as driver:
+        page = Page(driver, pendant.address)
+        drive(page)
+        began = arm.snapshot().q[0]
+        moved = lambda: bool(arm.snapshot().q[0] > began + FAR_RAD)  # noqa: E731
+        press_until(page, arm, moved, lambda page: page.key("Down", "."), lambda page: page.key("Up", "."))
+        page.key("Up", ">", modifiers=SHIFT)  # Shift went down meanwhile
+        assert not page.run(IS_HELD)
+        wait_until(lambda: is_at_rest(arm), "at rest")
+
+        for key, focused in ((".", "body"), (",", "body"), ("Enter", ".hold")):
+            for ends in ENDS_OF_A_HELD_KEY:
+                hold_key(page, key, focused)
+                ends(page)
+                assert not page.run(IS_HELD), (key, ends)
+                page.key("Down", key, repeat=True)  # still down
+                assert not page.run(IS_HELD), (key, ends)
+                page.key("Up", key)
+            for modifier in (ALT, CTRL, META):
+                page.key("Down", key, modifier)
+                assert not page.run(IS_HELD), (key, modifier)
+                page.key("Up", key, modifier)
+
+        take(page)
+        page.press(PLUS_OF_JOINT_1)
+        assert page.run(IS_HELD)
+        page.let_go_with_the_right_button_down()
+        assert not page.run(IS_HELD)
+        page.let_go_of_the_right_button()
+
+
+def hold_key(page: Page, key: str, focused: str) -> None:
+    """Hold a key down, with an element in the focus, until it repeats."""
+    take(page)
+    page.run("document.activeElement.blur(); document.querySelector(arguments[0]).focus()", focused)
+    page.key("Down", key)
+    page.key("Down", key, repeat=True)
+    assert page.run(IS_HELD)
 
 
 def test_a_foreign_page_or_host_or_no_token_is_refused_by_page_socket_io_and_live_socket(pendant: Pendant) -> None:

@@ -96,7 +96,6 @@ export function makeDrive(root) {
     else if ("btn".includes(event.key)) jog.choose(event.key);
     else if (Number(event.key) >= 1 && Number(event.key) <= rows.length) pick(Number(event.key) - 1);
   });
-  window.addEventListener("keyup", (event) => (event.key === "." || event.key === ",") && link.release());
   link.tipOnScreen = (k = 0) => view.project(k, tip(link.arms[k].facts, link.arms[k].state.q).toArray());
 }
 

@@ -19,9 +19,15 @@ export function holdButton(text, label, ask, may = () => link.ready) {
     button.setPointerCapture(event.pointerId);
     begin();
   });
-  for (const name of ["pointerup", "pointercancel", "lostpointercapture", "blur"]) button.addEventListener(name, end);
-  button.addEventListener("keydown", (event) => event.key === "Enter" && !event.repeat && (event.preventDefault(), begin()));
-  button.addEventListener("keyup", (event) => event.key === "Enter" && end());
+  button.addEventListener("blur", end); // for what else ends it see link.js
+  button.addEventListener("pointermove", (event) => {
+    if (event.buttons !== 1 && button.hasPointerCapture(event.pointerId)) end(); // another button of the mouse went down, or is left
+  });
+  button.addEventListener("keydown", (event) => {
+    if (event.key !== "Enter" || event.repeat || event.ctrlKey || event.metaKey || event.altKey) return;
+    event.preventDefault();
+    begin();
+  });
   button.addEventListener("contextmenu", (event) => event.preventDefault());
   link.addEventListener("press", () => link.press === null && delete button.dataset.held);
   const show = () => setAttribute(button, "aria-disabled", String(!may()));

@@ -32,6 +32,7 @@ class Link extends EventTarget {
       this.open = false;
       this.press = null;
       this.status = null;
+      this.tell("press");
       this.tell("status");
       setTimeout(() => this.connect(), RETRY_MS);
     };
@@ -166,6 +167,10 @@ class Link extends EventTarget {
 
 export const link = new Link();
 
-// However the page loses what is held, the arm is let go.
-for (const name of ["blur", "pagehide", "pointerup", "pointercancel"]) window.addEventListener(name, () => link.release());
+// However the page loses what is held, the arm is let go. Any key that goes up ends it, for "." goes up as ">" when Shift went down meanwhile;
+// and anything else that goes down, for beside Cmd, or in a menu, the key that is held goes up unseen.
+const ENDS = ["keyup", "pointerdown", "pointerup", "pointercancel", "lostpointercapture", "pagehide"];
+for (const name of ENDS) window.addEventListener(name, () => link.release(), { capture: true });
+window.addEventListener("keydown", (event) => event.repeat || link.release(), { capture: true });
+window.addEventListener("blur", () => link.release());
 document.addEventListener("visibilitychange", () => document.hidden && link.release());
