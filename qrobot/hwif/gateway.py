@@ -80,11 +80,10 @@ class Gateway:
 
     def step(self, now_ns: int) -> bool:
         """One exchange, or one attempt to find the board; False when there is none."""
-        taken = take_all_operations(self._memory, self._operations)
-        self._remember_outputs(self._operations[:taken])
         if not self.connected:
-            self._memory.facts.dropped += taken
+            self._drop_posted()
             return now_ns >= self._retry_ns and self._find(now_ns)
+        taken = self._take_posted()
         try:
             self._bus.exchange(self._sane(taken), self._image)
         except (LinkError, ProtocolError) as error:
@@ -94,6 +93,14 @@ class Gateway:
         self._memory.facts.module_losses = self._module_losses()
         self._publish(now_ns)
         return True
+
+    def _take_posted(self) -> int:
+        taken = take_all_operations(self._memory, self._operations)
+        self._remember_outputs(self._operations[:taken])
+        return taken
+
+    def _drop_posted(self) -> None:
+        self._memory.facts.dropped += self._take_posted()
 
     def _publish(self, asked_ns: int) -> None:
         """Show the image, with the time at which it was asked for: the board's own clock is not ours."""
@@ -122,12 +129,21 @@ class Gateway:
             return self._safe()
         return np.vstack([self._safe(), (OP_OUTPUTS, 0, self._said_meanwhile)])
 
+    def _make_safe(self, facts: BoardFacts) -> None:
+        """Welcome a board, and drop what was posted while it was being found: nobody had seen anything of it yet."""
+        told = None
+        self._drop_posted()
+        while told != (self._lines, self._said_meanwhile):  # outputs that somebody asked for meanwhile are told
+            told = self._lines, self._said_meanwhile
+            self._bus.exchange(self._welcome(facts), self._image)
+            self._drop_posted()
+
     def _find(self, now_ns: int) -> bool:
         """Find the board, make it safe, and show it."""
         try:
             facts = self._bus.connect()
             self._bus.exchange(NO_OPERATIONS, self._image)
-            self._bus.exchange(self._welcome(facts), self._image)
+            self._make_safe(facts)
         except (LinkError, ProtocolError) as error:
             self._retry_ns = now_ns + RETRY_NS
             self._bus.close()

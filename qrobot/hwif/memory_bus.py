@@ -56,8 +56,13 @@ class MemoryBus:
         return MemoryEndpoint(segment.memory, self._lane).facts()
 
     def exchange(self, operations: Operations, image: Words) -> None:
-        """Exchange as `Bus.exchange` does, until the board has shown two images since it took the operations."""
+        """Exchange as `Bus.exchange` does, until the board has shown two images since it took the operations.
+
+        Raises:
+            LinkLost: also when a gateway has lost its board meanwhile, or dropped what was posted, and found it again.
+        """
         memory = self._memory()
+        before = _gone_astray(memory)
         end = MemoryEndpoint(memory, self._lane)
         deadline = Deadline(self.timeout_s)
         try:
@@ -70,6 +75,8 @@ class MemoryBus:
         except (LinkTimeout, LinkBusy):
             discard_operations(memory, int(self._lane))  # nobody may act on them later
             raise
+        if _gone_astray(memory) != before:
+            raise LinkLost(f"the board at {self.name} was lost for a moment, and is safe since: ask again")
         check_image(self._newest)
         image[:] = self._newest
 
@@ -93,6 +100,11 @@ class MemoryBus:
             if deadline.passed:
                 raise LinkTimeout(f"the board at {self.name} {complaint}: does it still run?")
             sleep_between_looks(POLL_S)
+
+
+def _gone_astray(memory: BoardMemory) -> tuple[int, int]:
+    """How often the board was lost, and how many operations may never have acted."""
+    return int(memory.facts.losses), int(memory.facts.dropped)
 
 
 def board_memory_bus(arm: str, lane: Lane = Lane.TOOL, timeout_s: float = TIMEOUT_S) -> MemoryBus:

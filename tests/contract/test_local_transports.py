@@ -9,14 +9,19 @@ from contextlib import contextmanager
 from itertools import count
 
 import numpy as np
+import pytest
 
 from qrobot.arrays import Words
+from qrobot.errors import LinkLost
 from qrobot.hwif.board_memory import attach_board_memory, create_board_memory
+from qrobot.hwif.bus import BoardFacts
 from qrobot.hwif.gateway import Gateway
-from qrobot.hwif.image import IMAGE_WORDS
+from qrobot.hwif.image import IMAGE_ENC_COUNT, IMAGE_WORDS, make_image
 from qrobot.hwif.memory_bus import MemoryBus
+from qrobot.hwif.operations import OP_WRITE
+from qrobot.hwif.registers import ENC_LOAD
 from tests.contract.bus_contract import BusContract, Transport
-from tests.support.bus import BenchEndpoint, DirectBus
+from tests.support.bus import BenchEndpoint, DirectBus, nothing, rows_of
 from tests.support.patience import MOMENT_S, PATIENCE_S, wait_until
 from tests.support.virtual_clock import VirtualClock
 
@@ -110,3 +115,40 @@ class TestMemoryBus(BusContract):
             yield transport
         finally:
             transport.close()
+
+
+@pytest.mark.parametrize("lost_before", [False, True])
+def test_operations_that_a_gateway_dropped_are_not_done_though_it_found_the_board_again_at_once(
+    lost_before: bool,
+) -> None:
+    end = BenchEndpoint()
+    transport = MemoryTransport(end)
+    image = make_image()
+
+    def lose_once() -> None:
+        end.before = nothing
+        raise LinkLost("for a moment")
+
+    connect = transport.far.connect
+
+    def found_once_something_was_dropped() -> BoardFacts:
+        if not transport.gateway.dropped:
+            raise LinkLost("not yet")
+        return connect()
+
+    try:
+        transport.bus.connect()
+        if lost_before:
+            transport.far.connect = found_once_something_was_dropped  # type: ignore[method-assign]
+            transport.far.cut = True
+            wait_until(lambda: not transport.gateway.connected, "the board is lost")
+            transport.far.cut = False
+        else:
+            end.before = lose_once
+        with pytest.raises(LinkLost, match="ask again"):
+            transport.bus.exchange(rows_of([(OP_WRITE, ENC_LOAD, 77)]), image)
+        transport.bus.exchange(rows_of([(OP_WRITE, ENC_LOAD, 78)]), image)
+        assert int(image[IMAGE_ENC_COUNT]) == 78
+    finally:
+        transport.bus.close()
+        transport.close()

@@ -141,6 +141,37 @@ def test_a_board_found_again_is_made_safe_and_gets_nothing_of_what_was_posted_me
     ]
 
 
+@pytest.mark.parametrize("exchange", [0, 1])
+def test_what_is_posted_while_the_board_is_being_found_does_not_reach_it_and_is_counted(exchange: int) -> None:
+    desk = Desk()
+    images = iter(range(2))
+
+    def post_late(_image: Words) -> None:
+        if next(images, None) == exchange:
+            desk.post((OP_WRITE, DAC, 7), (OP_WRITE, DISCRETE, DISCRETE_HAND_RELAXED | DISCRETE_POWER | HELD_LINE))
+
+    desk.bus.spoil = post_late
+    assert desk.step(2)
+    assert (OP_WRITE, DAC, 7) not in desk.end.applied
+    assert not any(offset == DISCRETE and value & DISCRETE_POWER for _, offset, value in desk.end.applied)
+    assert (OP_WRITE, DISCRETE, DISCRETE_HAND_RELAXED | HELD_LINE) in desk.end.applied
+    assert desk.gateway.dropped == 2
+
+
+@pytest.mark.parametrize("exchange", [0, 1])
+def test_modules_hear_what_is_said_while_their_board_is_being_found(exchange: int) -> None:
+    memory, end, images = local_board_memory(), BenchEndpoint(Bench()), iter(range(2))
+    bus = ModulesBus(end)
+
+    def say(_image: Words) -> None:
+        if next(images, None) == exchange:
+            post(memory, (OP_OUTPUTS, 0, 5))
+
+    bus.spoil = say
+    assert Gateway(bus, memory, PERIOD_NS).step(0)
+    assert end.applied[-1] == (OP_OUTPUTS, 0, 5)
+
+
 def test_the_board_is_left_safe(desk: Desk) -> None:
     desk.gateway.release()
     assert desk.end.lists == [[*SAFE, (OP_WRITE, DISCRETE, DISCRETE_HAND_RELAXED)]]
