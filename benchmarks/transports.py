@@ -37,6 +37,7 @@ class Desk:
         self._memory.facts.revision, self._memory.facts.joints = ord("F"), 6
         self._end = MemoryEndpoint(self._memory)
         self._taken = np.zeros((N_LANES * LANE_CAPACITY, OP_FIELDS), np.int64)
+        self._lanes = np.zeros(len(self._taken), np.int64)
         self._image = make_image()
 
     def facts(self) -> BoardFacts:
@@ -44,7 +45,7 @@ class Desk:
 
     def apply(self, operations: Operations) -> None:
         self._end.apply(operations)
-        take_all_operations(self._memory, self._taken)
+        take_all_operations(self._memory, self._taken, self._lanes)
         self._image[:2] += 1
         publish_image(self._memory, self._image)
 

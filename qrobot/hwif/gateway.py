@@ -30,6 +30,7 @@ from qrobot.hwif.image import IMAGE_STATUS, make_image
 from qrobot.hwif.lanes import take_all_operations
 from qrobot.hwif.operations import OP_FIELDS, OP_OUTPUTS, OP_WRITE
 from qrobot.hwif.registers import DISCRETE, DISCRETE_LINES
+from qrobot.hwif.trace import OWN_LANE, trace_operations
 from qrobot.realtime.signals import set_on_signals
 from qrobot.report import Report
 
@@ -60,6 +61,7 @@ class Gateway:
         self._bus, self._memory, self._period_ns, self._report = bus, memory, period_ns, report
         self._module_losses = module_losses
         self._operations = np.zeros((N_LANES * LANE_CAPACITY, OP_FIELDS), np.int64)
+        self._lanes = np.zeros(len(self._operations), np.int64)
         self._image = make_image()
         self._retry_ns = 0
         self._told = ""
@@ -90,12 +92,13 @@ class Gateway:
             self._memory.facts.dropped += taken
             self._lose(error, now_ns)
             return False
+        trace_operations(self._memory, now_ns, self._lanes[:taken], self._operations[:taken])
         self._memory.facts.module_losses = self._module_losses()
         self._publish(now_ns)
         return True
 
     def _take_posted(self) -> int:
-        taken = take_all_operations(self._memory, self._operations)
+        taken = take_all_operations(self._memory, self._operations, self._lanes)
         self._remember_outputs(self._operations[:taken])
         return taken
 
@@ -129,13 +132,18 @@ class Gateway:
             return self._safe()
         return np.vstack([self._safe(), (OP_OUTPUTS, 0, self._said_meanwhile)])
 
-    def _make_safe(self, facts: BoardFacts) -> None:
+    def _write(self, operations: Operations, now_ns: int) -> None:
+        """Write what no lane has asked for."""
+        self._bus.exchange(operations, self._image)
+        trace_operations(self._memory, now_ns, np.full(len(operations), OWN_LANE), operations)
+
+    def _make_safe(self, facts: BoardFacts, now_ns: int) -> None:
         """Welcome a board, and drop what was posted while it was being found: nobody had seen anything of it yet."""
         told = None
         self._drop_posted()
         while told != (self._lines, self._said_meanwhile):  # outputs that somebody asked for meanwhile are told
             told = self._lines, self._said_meanwhile
-            self._bus.exchange(self._welcome(facts), self._image)
+            self._write(self._welcome(facts), now_ns)
             self._drop_posted()
 
     def _find(self, now_ns: int) -> bool:
@@ -143,7 +151,7 @@ class Gateway:
         try:
             facts = self._bus.connect()
             self._bus.exchange(NO_OPERATIONS, self._image)
-            self._make_safe(facts)
+            self._make_safe(facts, now_ns)
         except (LinkError, ProtocolError) as error:
             self._retry_ns = now_ns + RETRY_NS
             self._bus.close()
@@ -172,7 +180,7 @@ class Gateway:
         """Leave the board safe and let go of it."""
         if self.connected:
             try:
-                self._bus.exchange(self._safe(), self._image)
+                self._write(self._safe(), int(self._memory.facts.taken_ns))
             except (LinkError, ProtocolError) as error:
                 self._tell(f"board at {self._bus.name} could not be left safe: {error}")
         self.connected = False

@@ -101,20 +101,21 @@ def newest_post_ns(memory: BoardMemory) -> int:
     return newest
 
 
-def take_all_operations(memory: BoardMemory, operations: Words) -> int:
+def take_all_operations(memory: BoardMemory, operations: Words, lanes: Words) -> int:
     """Board side: move what every lane holds into `operations` (int64[k, OP_FIELDS]), lane by lane, as much as fits.
 
     Returns:
-        How many were taken.
+        How many were taken; `lanes` (int64[k]) tells where from.
     """
-    return int(_take_lanes(memory, operations))
+    return int(_take_lanes(memory, operations, lanes))
 
 
 @lean_kernel
-def _take_lanes(memory: BoardMemory, operations: Any) -> int:
+def _take_lanes(memory: BoardMemory, operations: Any, lanes: Any) -> int:
     n = 0
     for lane in range(N_LANES):
         while n < operations.shape[0] and take_operation(memory, lane, operations[n]):
+            lanes[n] = lane
             n += 1
     return n
 

@@ -103,7 +103,7 @@ class MemoryBus:
 
 
 def _gone_astray(memory: BoardMemory) -> tuple[int, int]:
-    """How often the board was lost, and how many operations may never have acted."""
+    """Count of losses of the board, and of operations that may never have acted."""
     return int(memory.facts.losses), int(memory.facts.dropped)
 
 

@@ -7,6 +7,8 @@ import dataclasses
 import pytest
 
 from qrobot.arrays import Words
+from qrobot.config.deployment import BoardChoice
+from qrobot.hwif.board_look import BoardLooker
 from qrobot.hwif.board_memory import Lane, fetch_image, local_board_memory
 from qrobot.hwif.bus import BoardFacts
 from qrobot.hwif.gateway import RETRY_NS, Gateway
@@ -24,6 +26,7 @@ from qrobot.hwif.registers import (
     ENC_LOAD,
     N_DACS,
 )
+from qrobot.hwif.trace import OWN_LANE, load_head, read_trace
 from tests.support.bench import PERIOD_NS, Bench, post
 from tests.support.bus import BenchEndpoint, DirectBus
 
@@ -170,6 +173,31 @@ def test_modules_hear_what_is_said_while_their_board_is_being_found(exchange: in
     bus.spoil = say
     assert Gateway(bus, memory, PERIOD_NS).step(0)
     assert end.applied[-1] == (OP_OUTPUTS, 0, 5)
+
+
+def test_what_a_board_behind_a_gateway_was_told_is_traced_with_its_lane_and_seen_in_a_look(desk: Desk) -> None:
+    welcome = read_trace(desk.memory)
+    assert set(welcome[:, 1]) == {OWN_LANE}
+    assert welcome[:, 2:].tolist() == [*([at, word] for _, at, word in SAFE), [DISCRETE, DISCRETE_HAND_RELAXED]]
+    desk.post((OP_WRITE, DAC, 0x10A00), (OP_WRITE, ENC_LOAD, 9))
+    desk.post((OP_WRITE, DISCRETE, DISCRETE_HAND_RELAXED | DISCRETE_CALIBRATED), lane=Lane.TOOL)
+    desk.step()
+    assert read_trace(desk.memory, len(welcome)).tolist() == [
+        [desk.now_ns, Lane.SERVO, DAC, 0x0A00],
+        [desk.now_ns, Lane.TOOL, DISCRETE, DISCRETE_HAND_RELAXED | DISCRETE_CALIBRATED],
+    ]
+    look = BoardLooker(desk.memory, BoardChoice()).look()
+    told = {row["name"]: row["word"] for row in look["registers"]}
+    assert (told["DAC 1"], told["DAC 2"]) == (0x0A00, DAC_ZERO)
+    assert [bit["on"] for bit in look["bits"] if bit["register"] == "DISCRETE" and bit["bit"] == 6] == [True]
+
+
+def test_what_a_board_may_never_have_got_is_not_traced(desk: Desk) -> None:
+    before = load_head(desk.memory)
+    desk.bus.cut = True
+    desk.post((OP_WRITE, DAC, 1))
+    desk.step()
+    assert load_head(desk.memory) == before
 
 
 def test_the_board_is_left_safe(desk: Desk) -> None:

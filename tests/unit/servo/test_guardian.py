@@ -49,6 +49,7 @@ from tests.support.servo_bench import ServoBench, moving, writes_at
 TIMEOUT_NS = 5_000_000
 FAR_NS = 3600_000_000_000
 OPERATIONS = np.zeros((LANE_CAPACITY, OP_FIELDS), dtype=np.int64)
+LANES = np.zeros(len(OPERATIONS), np.int64)
 NO_CARD_WORDS = make_card(NO_CARD)
 
 
@@ -276,7 +277,7 @@ def test_asked_to_end_beside_a_silent_servo_it_makes_the_board_safe_first(beats:
     with create_board_memory(name) as board, create_servo_memory(name, "puma560", "pd", 6, 1_000_000, 16) as servo:
 
         def board_and_servo() -> None:
-            taken[0] += take_all_operations(board.memory, OPERATIONS)
+            taken[0] += take_all_operations(board.memory, OPERATIONS, LANES)
             if beats:
                 servo.front.heartbeat.t_ns = monotonic_now()
 
