@@ -3,7 +3,10 @@ nothing."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from contextlib import nullcontext, suppress
 from functools import cache
+from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -17,10 +20,19 @@ from qrobot.errors import FenceCrossed, MotionError
 from qrobot.fences.fence_set import RESOLUTION_M, FenceSet
 from qrobot.model.arm import Arm
 from qrobot.motion import (
+    HERE,
+    T6,
+    Equation,
+    EventKind,
     Generator,
+    Goal,
     JointSpeed,
+    MotionMode,
     MoveRequest,
     Termination,
+    ToolSpeed,
+    TransformKind,
+    Trsf,
     kinematics_of,
     motion_limits,
 )
@@ -200,3 +212,159 @@ def test_an_arm_that_stands_too_near_may_leave_and_come_no_nearer() -> None:
         tick += 1
         codes += [event.code for event in motion.update(tick).events if event.request is not None]
     assert codes[-1] == Termination.COMPLETED
+
+
+# ------------------------------------------------------------------ starts that nobody knew when a motion was asked for
+
+SPEED = JointSpeed(0.8)
+TURN = np.radians([60.0, 25.0, 25.0, 40.0, 30.0, 40.0])
+Interfering = Callable[[Generator, MoveRequest], object]
+
+
+def goal_at(q: Floats, kind: TransformKind = TransformKind.CONST) -> Goal:
+    """Where the last frame is at `q` (n,)."""
+    return Equation("C", (T6,), (Trsf("P", kind, ARM.forward(q)),), T6).goal()
+
+
+class Triangle(NamedTuple):
+    """Ways A-B and B-C that keep off a box, in which A is park; that from `leaves`, on A-B, to C does not."""
+
+    fences: FenceSet
+    b: Floats
+    c: Floats
+    leaves: Floats
+
+
+@cache
+def triangles() -> list[Triangle]:
+    """Twenty of them."""
+    rng, found = np.random.default_rng(20), []
+    while len(found) < 20:
+        b, c = (PARK + TURN * rng.uniform(-1.0, 1.0, 6) for _ in range(2))
+        leaves = PARK + rng.uniform(0.25, 0.75) * (b - PARK)
+        hand = ARM.flange(leaves + rng.uniform(0.3, 0.7) * (c - leaves))[:3, 3]
+        box = Fence(name="box", shape="box", size_m=(0.08, 0.08, 0.08), position_m=tuple(hand), margin_m=0.03)
+        fences = FenceSet(ROBOT, [box])
+        clear = [fences.slack(q)[0] > 0.0 for q in (PARK, b, c)]
+        shares = [fences.clear_share(*way) for way in ((PARK, b), (b, c), (leaves, c))]
+        if all(clear) and shares[0] == shares[1] == 1.0 > shares[2]:
+            found.append(Triangle(fences, b, c, leaves))
+    return found
+
+
+def codes_of(
+    motion: Generator, at_sample: Callable[[Floats], object] = lambda _: None, tick: int = 0
+) -> list[tuple[str, int]]:
+    """Codes of all motions, to the end; fails where a sample is nearer to the box than its margin less 2 mm."""
+    assert motion._fences is not None
+    codes: list[tuple[str, int]] = []
+    while motion.busy or motion.has_events:
+        tick += 1
+        output = motion.update(tick)
+        assert motion._fences.fences.slack(output.q)[0] >= -RESOLUTION_M
+        codes += [(event.request.name, event.code) for event in output.events
+                  if event.request is not None and event.kind is EventKind.ENDED]  # fmt: skip
+        at_sample(output.q)
+    return codes
+
+
+def interfered(motion: Generator, at: Triangle, interfere: Interfering) -> list[tuple[str, int]]:
+    """Codes of the motions to B and, asked for by `interfere` where the arm leaves A-B, to C."""
+    way, waiting = at.b - PARK, [MoveRequest("C", at.c, SPEED)]
+
+    def at_sample(q: Floats) -> None:
+        if waiting and (q - at.leaves) @ way >= 0.0:
+            interfere(motion, waiting.pop())
+
+    motion.push(MoveRequest("B", at.b, SPEED))
+    return codes_of(motion, at_sample)
+
+
+def push_if_clear(motion: Generator, last: MoveRequest) -> None:
+    """Ask for a motion from where the stop under way will end: refused now, or not at all."""
+    end = motion._sequencer.last_end()
+    clear = motion._fences.fences.clear_share(end, last.target) == 1.0
+    with nullcontext() if clear else pytest.raises(FenceCrossed, match="move to C: "):
+        motion.push(last)
+
+
+def skip(motion: Generator, last: MoveRequest) -> None:
+    """C waits behind B, and B is skipped."""
+    motion.push(last)
+    motion.skip(7)
+
+
+def skip_twice(motion: Generator, last: MoveRequest) -> None:
+    """B is skipped, and so is HERE behind it, before C."""
+    motion.push(MoveRequest("here", HERE, SPEED))
+    motion.push(last)
+    motion.skip(7)
+
+
+def skip_into_a_line(motion: Generator, last: MoveRequest) -> None:
+    """B is skipped, and the tool is to move on a straight line to C, where there is one."""
+    assert isinstance(last.target, np.ndarray)
+    with suppress(MotionError):
+        motion.push(MoveRequest("C", goal_at(last.target), ToolSpeed(0.5, 2.0), mode=MotionMode.CARTESIAN))
+        motion.skip(7)
+
+
+def abort(motion: Generator, last: MoveRequest) -> None:
+    """The joints are brought to rest, and C is asked for at once."""
+    motion.abort(7)
+    push_if_clear(motion, last)
+
+
+def stop(motion: Generator, last: MoveRequest) -> None:
+    """The arm is brought to rest on its path, and C is asked for at once."""
+    motion.stop()
+    push_if_clear(motion, last)
+
+
+@pytest.mark.parametrize(
+    ("interfere", "told"),
+    [(skip, None), (skip_twice, None), (skip_into_a_line, None), (stop, Termination.STOPPED), (abort, 7)],
+)
+def test_a_motion_that_begins_elsewhere_than_was_thought_does_not_cut_through_a_fence(
+    interfere: Interfering, told: int | None
+) -> None:
+    refused = 0
+    for at in triangles():
+        codes = interfered(generator(at.fences), at, interfere)
+        refused += codes[-1] in {("C", Termination.FENCE), ("B", told)}
+        assert codes[-1][1] in {Termination.COMPLETED, Termination.FENCE, told}
+    assert refused > 10  # some stops end beyond the box, and some places no straight line leads to
+
+
+def test_a_motion_from_a_goal_that_was_followed_is_looked_at_where_the_arm_has_come_to_rest() -> None:
+    for at in triangles():
+        motion = generator(at.fences, at.leaves)
+        motion.follow(goal_at(at.leaves, TransformKind.VARB))
+        motion.push(MoveRequest("C", at.c, SPEED))
+        assert codes_of(motion) == [("C", Termination.FENCE)]
+        assert motion.newest == pytest.approx(at.leaves, abs=1e-6)
+
+
+def test_a_motion_is_looked_at_from_where_joints_are_that_follow_no_setpoints() -> None:
+    for at in triangles():
+        motion = generator(at.fences, at.b)
+        motion.push(MoveRequest("C", at.c, SPEED))
+        event = motion.update(1, at.leaves).events[0]
+        assert (event.kind, event.code) == (EventKind.ENDED, Termination.FENCE)
+        assert "move to C: " in event.why
+        assert not motion.busy
+
+
+def test_a_way_that_was_looked_at_when_it_was_asked_for_is_not_looked_at_twice(monkeypatch) -> None:
+    at, looked, check_path = triangles()[0], [], FenceSet.check_path
+
+    def counted(fences: FenceSet, joints_at, start: Floats, what: str) -> None:
+        looked.append(what)
+        check_path(fences, joints_at, start, what)
+
+    monkeypatch.setattr(FenceSet, "check_path", counted)
+    motion = generator(at.fences)
+    for name, q in (("B", at.b), ("C", at.c)):
+        motion.push(MoveRequest(name, q, SPEED))
+        codes_of(motion, tick=motion._trajectory.tick)
+    assert looked == ["move to B", "move to C"]

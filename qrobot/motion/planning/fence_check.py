@@ -2,8 +2,9 @@
 
 A request is judged as a motion from rest to rest on its straight line. A transition leaves that line, so it is looked
 at before it is entered; where it would come too near a fence it is not made, and the arm comes to rest at the via point
-first. Of what nobody can know beforehand, a goal that moves or complies, each setpoint is looked at, and where a stop
-of the joints that began with it would end.
+first. A motion that begins elsewhere than was thought when it was asked for is looked at before the arm leaves its
+rest. Of what nobody can know beforehand, a goal that moves or complies, each setpoint is looked at, and where a stop of
+the joints that began with it would end.
 """
 
 from __future__ import annotations
@@ -14,7 +15,6 @@ from typing import Final
 import numpy as np
 
 from qrobot.arrays import Floats
-from qrobot.errors import FenceCrossed
 from qrobot.fences.fence_set import RESOLUTION_M, FenceSet
 from qrobot.motion.path.blend import PEAK, Blend
 from qrobot.motion.path.path_piece import BlendSettings, PathPiece
@@ -48,10 +48,9 @@ class FenceCheck:
 
         self.fences.check_path(joints_at, start, what)
 
-    def is_clear(self, segment: Segment, piece: PathPiece, settings: BlendSettings, near: Floats) -> bool:
-        """The transition `piece` into `segment`, in its coordinates, and what follows on its line keep off all fences.
-
-        Raises what the coordinates raise: Unreachable, JointLimit or Singular.
+    def check_entry(self, segment: Segment, piece: PathPiece, settings: BlendSettings, near: Floats, what: str) -> None:
+        """Raise FenceCrossed when the transition `piece` into `segment`, in its coordinates, or what follows on its
+        line comes too near a fence; or what the coordinates raise: Unreachable, JointLimit or Singular.
         """
         end = max(piece.end, segment.end)
 
@@ -59,11 +58,7 @@ class FenceCheck:
             state = piece.state(piece.start + share * (end - piece.start), settings)
             return segment.coordinates.solve_at(state[0], near)
 
-        try:
-            self.fences.check_path(joints_at, joints_at(0.0, near), WHAT)
-        except FenceCrossed:
-            return False
-        return True
+        self.fences.check_path(joints_at, joints_at(0.0, near), what)
 
     def rests_at(self, q: Floats) -> None:
         """Remember how near the arm is at rest at `q` (n,): it may stay there, and leave."""

@@ -16,7 +16,7 @@ from qrobot.motion.path.coordinates import JOINTS, measured
 from qrobot.motion.path.path_piece import BlendSettings, PathPiece, piece_from_state, piece_joining_line
 from qrobot.motion.path.segment import Schedule, Segment
 from qrobot.motion.path.setpoint_history import History, motion_of
-from qrobot.motion.planning.fence_check import FenceCheck
+from qrobot.motion.planning.fence_check import WHAT, FenceCheck
 from qrobot.motion.planning.geometric_path import GeometricPath, plan_geometric_path, segment_of
 from qrobot.motion.planning.joint_stop import all_can_stop
 from qrobot.motion.planning.queued_motion import NO_FOLLOWER, Following, QueuedMotion, prepare_motion
@@ -30,6 +30,7 @@ _PROBES: Final = 16
 _EARLY: Final = np.linspace(0.0, 1.0, _PROBES + 1)[1:] ** 2  # most of them where what was left over fades out
 _TRIES: Final = 12
 _LONGER: Final = 1.3
+_SAME: Final = 1e-6  # [A] rad or m; a way that begins so near the one that was looked at is that way
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,7 +116,7 @@ class Planner:
         self.scheduler.check(request, geometry)
         if self._fences is not None and queued.fixed:
             self._fences.check_way(geometry, start, what)
-        return replace(queued, asks=self.scheduler.alone(request, geometry))
+        return replace(queued, asks=self.scheduler.alone(request, geometry), start=start)
 
     def plan_geometry(self, queued: QueuedMotion, via: Floats) -> GeometricPath:
         """The way from the joint positions `via` (n,); raises what `plan_geometric_path` raises."""
@@ -135,19 +136,30 @@ class Planner:
             bounds: for the transition.
 
         Raises:
+            FenceCrossed: from rest, the way leads too near a fence.
             MotionError: see `plan_geometric_path`.
         """
         geometry = self.plan_geometry(queued, via)
         state, v = self._measured(geometry, points), motion_of(points, self._settings.period_s)[1]
-        least, rest, segment = bounds.least, 1, None
+        least, rest, entry = bounds.least, 1, None
         for _ in range(_TRIES):
             schedule = self.scheduler.plan(queued.request, geometry, v, least, bounds.most, bounds.following, rest)
-            segment = self.segment(queued, geometry, schedule, clock + schedule.transition)
-            if self._fits(segment, state, clock, points[-1][1]):
-                entry = SegmentEntry(segment, state)
-                return entry if bounds.at_any_rate or self.is_clear(entry, clock, points[-1][1]) else None
+            entry = SegmentEntry(self.segment(queued, geometry, schedule, clock + schedule.transition), state)
+            if self._fits(entry.segment, state, clock, points[-1][1]):
+                if bounds.at_any_rate:
+                    break
+                return entry if self.is_clear(entry, clock, points[-1][1]) else None
             least = rest = int(_LONGER * max(schedule.transition, schedule.resting)) + 1
-        return SegmentEntry(segment, state) if bounds.at_any_rate and segment is not None else None
+        if not bounds.at_any_rate or entry is None:
+            return None
+        self._check_from_rest(queued, entry, clock, via, points[-1][1])
+        return entry
+
+    def _check_from_rest(self, queued: QueuedMotion, entry: SegmentEntry, begin: float, via: Floats, q: Floats) -> None:
+        """Raise FenceCrossed when the way from rest at `q` (n,) is too near a fence, if it begins elsewhere than the
+        way that was looked at when it was asked for."""
+        if queued.start is None or max(np.abs(via - queued.start).max(), np.abs(q - queued.start).max()) > _SAME:
+            self._check_fences(entry, begin, q, f"move to {queued.request.name}")
 
     def replan(self, queued: QueuedMotion, state: Floats, clock: float, following: Following) -> SegmentEntry | None:
         """Plan the way out of a joint path, at `state` (3, n), into that of `queued`; None when no such way is safe."""
@@ -161,17 +173,22 @@ class Planner:
 
         Always so without fences, and where the goal moves: its setpoints are judged one by one.
         """
+        try:
+            self._check_fences(entry, begin, near, WHAT)
+        except MotionError:  # also when the turn leads where the straight lines do not
+            return False
+        return True
+
+    def _check_fences(self, entry: SegmentEntry, begin: float, near: Floats, what: str) -> None:
+        """Raise FenceCrossed where `is_clear` is False, and what the coordinates raise."""
         segment = entry.segment
         if self._fences is None or not segment.coordinates.fixed:
-            return True
+            return
         piece = piece_joining_line(
             entry.state, segment.via, segment.begin, segment.velocity, begin, 2.0 * segment.schedule.transition,
             self._settings.period_s,
         )  # fmt: skip
-        try:
-            return self._fences.is_clear(segment, piece, self._settings, near)
-        except MotionError:  # the turn leads where the straight lines do not
-            return False
+        self._fences.check_entry(segment, piece, self._settings, near, what)
 
     def ahead(self, request: MoveRequest, points: History) -> Floats:
         """Joints half a transition later, at their present speed: the via point of a replanned path.

@@ -41,6 +41,7 @@ class QueuedMotion:
         target: joint positions of a goal that stands still and is gone to in joint mode. Shape (n,).
         end: where the joints will be in the end, as far as that can be known. Shape (n,).
         asks: what it asks of the far end of the request before it.
+        start: where the arm was thought to begin when its way was looked at; None when it was not. Shape (n,).
     """
 
     request: MoveRequest
@@ -48,6 +49,7 @@ class QueuedMotion:
     target: Floats | None = None
     end: Floats | None = None
     asks: Following = NO_FOLLOWER
+    start: Floats | None = None
 
     @property
     def here(self) -> bool:

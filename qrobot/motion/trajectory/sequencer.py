@@ -107,9 +107,9 @@ class Sequencer:
         """Position of the arm when it has done all that was asked; None when that moves. Shape (n,)."""
         if (last := self._queue.last()) is not None:
             return last.end
-        if not self._path.coordinates.fixed or self._path.phase is Phase.JOINT_STOP:
-            return None
-        return self._trajectory.goal_joints()
+        if self.stopping:
+            return self._trajectory.end_of_stop()
+        return self._trajectory.goal_joints() if self._path.coordinates.fixed else None
 
     # ----------------------------------------------------------------------------------------------- once per sample
 

@@ -142,6 +142,13 @@ class TrajectoryState:
         """Joint positions (n,) at the end of the present segment, or where the arm rests. Raises as `setpoint`."""
         return self.path.goal_joints(self.newest)
 
+    def end_of_stop(self) -> Floats:
+        """Joint positions (n,) where the stop that is under way ends."""
+        path_stop = self._path_stop
+        rest = (self.path.piece.end, 0.0, 0.0) if path_stop is None else path_stop.at(path_stop.length)
+        q: Floats = next(self.path.states_ahead(iter([rest])))[0]
+        return q
+
     def points(self) -> History:
         """Positions of the arm at the newest samples, this one included; at another speed, by path time.
 
