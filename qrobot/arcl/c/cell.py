@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-import threading
 from collections.abc import Callable
 from typing import Any, Final
 
@@ -11,6 +10,7 @@ import numpy as np
 
 from qrobot.arcl.c.objects import ObjectTable
 from qrobot.arcl.events import ArclEvent
+from qrobot.arcl.machine.bridge import SAMPLED
 from qrobot.arcl.motion import Motion, MotionFeedback
 from qrobot.arcl.opened import open_robots
 from qrobot.arcl.robot import ArclRobot
@@ -45,7 +45,6 @@ class FunctionCell:
         self._text = memory.text(place + _TEXT, TEXT)
         self._feedback = memory.doubles(place + _FEEDBACK, 3 + 4 * _JOINTS)
         self._objects, self._call = objects, call
-        self._calling = threading.RLock()  # arms have threads of their own
 
     def function(self, address: int, silent: bool) -> CFunction:
         """A function of the program, which returns nothing if `silent`."""
@@ -53,7 +52,7 @@ class FunctionCell:
 
     def call(self, address: int, given: tuple[Any, ...]) -> int:
         """Call it with what ARCL hands to a function of its kind; what it returns."""
-        with self._calling:
+        with SAMPLED:  # arms have threads of their own, and the function may tell any arm something
             form, first, second = self._arguments(given)
             self._words[:4] = form, address, first, second
             robots = open_robots()

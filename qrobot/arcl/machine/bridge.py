@@ -7,6 +7,7 @@ STATE; in lock-step samples pass while the program waits. The hand is pneumatic:
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable
 from contextlib import AbstractContextManager
 from functools import partial
@@ -37,6 +38,9 @@ from qrobot.wire.packets import analog_output
 from qrobot.wire.vocabulary import Hand
 
 _OFF_PATH: Final = frozenset({CyclePhase.STANDING, CyclePhase.POWERING, CyclePhase.STARTING})
+SAMPLED: Final = threading.Condition()
+"""The lock of all arms of a program in real time: a function that one of them calls may tell another one something."""
+
 _HANDS: Final = {Grip.GRIP_OPEN: Hand.OPEN, Grip.GRIP_CLOSE: Hand.CLOSED, Grip.GRIP_RELAX: Hand.RELAXED}
 
 
@@ -108,7 +112,8 @@ class BridgeMachine:
         before, self._driver = self._driver, None
         try:
             self._take(self._link.open())
-            self._driver = driver_for(self._link, self, "arcl-trajectory", self._arm_settings.tell_again, before=before)
+            greeted = self._arm_settings.tell_again
+            self._driver = driver_for(self._link, self, "arcl-trajectory", greeted, SAMPLED, before)
             self._driver.start()
             self._arm_settings.tell_again()
             self.wait(lambda: self._robot.phase is CyclePhase.FOLLOWING)
