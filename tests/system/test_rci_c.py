@@ -30,7 +30,7 @@ from qrobot.rig.lockstep import LockstepRig, link_factory
 from qrobot.servo.settings import ServoSettings
 from qrobot.sim_board.emulator import Emulator
 from tests.support.c_programs import CHECKED, EXAMPLES, FOUND, VALGRIND, needs_compiler, needs_valgrind
-from tests.support.fake_robot import FakeRobot
+from tests.support.fake_robot import FakeRobot, TcpRobot
 from tests.support.late_robot import LATE, hear_power_late, lose_streams
 from tests.support.patience import PATIENCE_S, wait_until
 from tests.support.processes import RunningArm
@@ -92,6 +92,80 @@ static int over(void) { return rci_runs(td) > 9; }
 int main(void)
 {
     if ((td = rci_create("puma560", "")) == 0 || rci_control(td, turn, 0, 0))
+        return 6;
+    if (rci_start(td->bit))
+        return 7;
+    if (rci_wait(over))
+        return 8;
+    return rci_close();
+}
+"""
+LEFT = """
+#include "rci.h"
+#include <string.h>
+static RCI_TASK *td;
+static int fails;
+static void rest(RCI_TASK *td) { if (fails && rci_runs(td) > 4) td->chg.hand = 9; }
+static int over(void) { return rci_runs(td) > 6; }
+int main(int n, char **words)
+{
+    fails = n > 1 && strcmp(words[1], "fails") == 0;
+    if ((td = rci_create("puma560", "")) == 0 || rci_control(td, rest, 0, 0))
+        return 6;
+    if (rci_start(td->bit))
+        return 7;
+    if (rci_wait(over) != -fails || rci_release(td->bit))
+        return 8;
+    if (n > 2)
+        return 0;
+    if (rci_powerOff(td->bit) || rci_powerOff(td->bit))
+        return 9;
+    return rci_state(td) != (fails ? RCI_ENDED : RCI_RELEASED) || rci_close();
+}
+"""
+RELEASED = """
+#include "rci.h"
+#include <time.h>
+static RCI_TASK *td;
+static volatile int inside;
+static void turn(RCI_TASK *td)
+{
+    double q[6];
+    int j;
+    for (j = 0; j < 6; j++) q[j] = td->how.q_setpoint[j] + (j == 0 ? 0.005 : 0.0);
+    rci_goto(td, q);
+    if (rci_runs(td) > 9) {
+        const struct timespec moment = {0, 200000000};
+        inside = 1;
+        nanosleep(&moment, 0);
+    }
+}
+static int is_inside(void) { return inside; }
+int main(void)
+{
+    if ((td = rci_create("puma560", "")) == 0 || rci_control(td, turn, 0, 0))
+        return 6;
+    if (rci_start(td->bit))
+        return 7;
+    if (rci_wait(is_inside))
+        return 8;
+    return rci_release(td->bit) || rci_close();
+}
+"""
+HEARD = """
+#include "rci.h"
+#include <stdio.h>
+static RCI_TASK *td;
+static void stay(RCI_TASK *td)
+{
+    rci_goto(td, td->how.q_setpoint);
+    printf("%ld %.6f\\n", rci_missed(td), td->how.time);
+    fflush(stdout);
+}
+static int over(void) { return rci_runs(td) > 9; }
+int main(void)
+{
+    if ((td = rci_create("puma560", "")) == 0 || rci_control(td, stay, 0, 0))
         return 6;
     if (rci_start(td->bit))
         return 7;
@@ -279,6 +353,57 @@ def test_it_ends_the_task_when_that_happens_too_often_or_has_moved_the_arm(
     with rci.use(partial(VirtualLink, transfer=robot.transfer)):
         assert run_executable(turns) == 7
     assert "does not follow the setpoints: STREAM_LOST" in capfd.readouterr().err
+
+
+@pytest.mark.parametrize("how", ["fails", "released"])
+def test_an_arm_that_its_task_in_c_has_left_holding_loses_power_when_that_is_asked_for(
+    make: Make, tmp_path: Path, how: str
+) -> None:
+    source, robot = tmp_path / "left.c", FakeRobot(tuple(PARK))
+    source.write_text(LEFT)
+    program = make(source)
+    with rci.use(partial(VirtualLink, transfer=robot.transfer)):
+        assert run_executable(program, [how, "and no more"]) == 0
+        assert robot.mode is Mode.HOLDING
+        robot.goodbyes = 0
+        assert run_executable(program, [how]) == 0
+    assert (robot.mode, robot.goodbyes) == (Mode.OFF, 2)  # and nobody greets an arm that is off
+
+
+@pytest.mark.realtime
+def test_a_task_in_c_that_is_released_during_its_function_stops_the_arm_with_the_first_command(
+    make: Make, tmp_path: Path
+) -> None:
+    source, robot = tmp_path / "released.c", FakeRobot(tuple(PARK), patience=1 << 30)
+    source.write_text(RELEASED)
+    with TcpRobot(robot, 0.005) as server:
+        environment = os.environ | {"QROBOT_BRIDGE": "{}:{}".format(*server.address)}
+        subprocess.run([make(source)], env=environment, timeout=PATIENCE_S, check=True)
+    streamed = [any(command.modes) for command in robot.commands]
+    last = len(streamed) - streamed[::-1].index(True)
+    assert robot.commands[last].stop
+
+
+@pytest.mark.realtime
+def test_of_many_states_that_come_at_once_a_task_in_c_takes_the_newest(make: Make, tmp_path: Path) -> None:
+    source, robot = tmp_path / "heard.c", FakeRobot(tuple(PARK), patience=1 << 30)
+    source.write_text(HEARD)
+    tell = robot.tell
+
+    def tell_many() -> bytes:
+        """A hundred states at once, as after a stall."""
+        stalled = len(robot.path) > 9 and robot.seq < 100
+        return b"".join(tell() for _ in range(100)) if stalled else tell()
+
+    robot.tell = tell_many
+    with TcpRobot(robot, 0.005) as server:
+        environment = os.environ | {"QROBOT_BRIDGE": "{}:{}".format(*server.address)}
+        said = subprocess.run(
+            [make(source)], env=environment, timeout=PATIENCE_S, check=True, capture_output=True, text=True
+        ).stdout
+    rows = np.array([line.split() for line in said.splitlines()], float)
+    steps = np.diff(rows, axis=0)
+    assert steps[steps[:, 0] > 0.0] == pytest.approx(np.array([[99.0, 100 * 0.028]]), abs=1e-6)
 
 
 def test_what_the_servo_told_before_power_was_asked_for_is_no_answer_to_that(turns: Path) -> None:

@@ -134,7 +134,7 @@ const char *rci_cycle_ask(RCI_TASK *td);
 void rci_cycle_answer(RCI_TASK *td);
 
 /* link.c */
-int rci_link_open(RCI_TASK *td);
+int rci_link_open(RCI_TASK *td, int power_off, const char *call);
 void rci_link_close(RCI_TASK *td, const char *reason);
 int rci_link_hear(RCI_TASK *td);
 

@@ -2,6 +2,7 @@
 #include "inside.h"
 
 #define SEND_MS 20 /* a bridge that takes no more for so long is gone */
+#define MOST_READS 64 /* of what has come, one after another: some seconds of samples */
 #define VIRTUAL_MS 600000 /* of real time, in which an emulated arm may compile itself before a sample */
 
 static uint32_t period_us(const RCI_TASK *td)
@@ -17,8 +18,9 @@ static const char *address_of(const RCI_TASK *td)
     return td->inside->address[0] ? td->inside->address : NULL;
 }
 
-/* Greet the robot of a task, in the planning program, which may wait. Returns 0 or -1. */
-int rci_link_open(RCI_TASK *td)
+/* Greet the robot of a task, in the planning program, which may wait; to switch its power off, or to move it. Returns
+ * 0 or -1, `call` in the text. */
+int rci_link_open(RCI_TASK *td, int power_off, const char *call)
 {
     struct rci_inside *in = td->inside;
     struct qrobot_hello hello = {QROBOT_ROLE_COMMANDER, td->robot->name, td->name, period_us(td),
@@ -26,16 +28,16 @@ int rci_link_open(RCI_TASK *td)
     struct qrobot_link *link;
 
     if (rci_program.virtual_time && address_of(td) == NULL)
-        return rci_fail("rci_start: task %s: on virtual time `qrobot run --offline` or --lockstep has the robot",
+        return rci_fail("%s: task %s: on virtual time `qrobot run --offline` or --lockstep has the robot", call,
                         td->name);
     if ((link = calloc(1, sizeof *link)) == NULL)
-        return rci_fail("rci_start: no memory");
+        return rci_fail("%s: no memory", call);
     if (qrobot_connect(link, address_of(td), &hello) != QROBOT_OK || link->joints != td->robot->n) {
         if (link->fd >= 0)
-            rci_fail("rci_start: task %s: %s has %d joints, its file says %d", td->name, link->peer, link->joints,
+            rci_fail("%s: task %s: %s has %d joints, its file says %d", call, td->name, link->peer, link->joints,
                      td->robot->n);
         else
-            rci_fail("rci_start: task %s: %s", td->name, link->error);
+            rci_fail("%s: task %s: %s", call, td->name, link->error);
         qrobot_disconnect(link, "not the robot that was asked for");
         free(link);
         return -1;
@@ -43,6 +45,8 @@ int rci_link_open(RCI_TASK *td)
     link->timeout_ms = rci_program.virtual_time ? link->timeout_ms : SEND_MS;
     rci_lock();
     rci_cycle_begin(&in->cycle, link->period_us * 1e-6);
+    if (power_off)
+        rci_cycle_stop(&in->cycle, 1);
     in->link = link;
     in->heard_ns = rci_now_ns();
     in->next_ns = in->heard_ns + link->period_us * INT64_C(1000);
@@ -73,12 +77,15 @@ int rci_link_hear(RCI_TASK *td)
     struct qrobot_link *link = td->inside->link;
     struct cycle *c = &td->inside->cycle;
     uint32_t before = c->state.seq;
-    int heard, found = 0, status = qrw_read(link);
+    int heard, status, found = 0, reads = 0;
 
-    while ((heard = qrobot_next(link, &c->state)) > 0)
-        found = found || heard == QROBOT_KIND_STATE;
-    if (heard < 0 || status < 0)
-        return -1;
+    do {
+        status = qrw_read(link);
+        while ((heard = qrobot_next(link, &c->state)) > 0)
+            found = found || heard == QROBOT_KIND_STATE;
+        if (heard < 0 || status < 0)
+            return -1;
+    } while (++reads < MOST_READS && qrw_wait(link->fd, POLLIN, 0));
     if (found && c->has_state) {
         long left_out = (long)(uint32_t)(c->state.seq - before - 1);
 

@@ -200,7 +200,7 @@ int rci_sample(struct seat *seat, RCI_TASK *td)
     active = in->state == RCI_ACTIVE && in->cycle.phase == FOLLOWING && rci_tick_at(in->heard_ns) >= in->active_from;
     if (active && run_first(seat, td) < 0)
         return -1;
-    if (in->cycle.phase == STOPPING && in->state == RCI_ENDED && active)
+    if (in->cycle.phase == STOPPING && in->state != RCI_ACTIVE && active)
         rci_cycle_step(td, in->heard_ns);
     rci_cycle_answer(td);
     if (!rci_program.virtual_time && qrobot_send(in->link, &in->cycle.command) != QROBOT_OK) {

@@ -148,7 +148,7 @@ static int attach(unsigned long mask)
     if (wait_for(mask, has_started_up) < 0)
         return -1;
     while ((td = next_of(mask, &index)) != NULL) {
-        if (td->robot != NULL && rci_link_open(td) < 0)
+        if (td->robot != NULL && rci_link_open(td, 0, "rci_start") < 0)
             return -1;
         if (td->robot == NULL) {
             rci_lock();
@@ -274,10 +274,39 @@ static void begin_release(RCI_TASK *td, int power_off)
         in->state = in->link != NULL ? RCI_RELEASING : RCI_RELEASED;
 }
 
+/* A robot without link that had power, or was about to have it, when it was heard last. */
+static int is_left_with_power(const RCI_TASK *td)
+{
+    const struct rci_inside *in = td->inside;
+
+    return td->robot != NULL && in->link == NULL && in->cycle.has_state && td->how.mode != QROBOT_MODE_OFF &&
+           td->how.mode != QROBOT_MODE_FAULT;
+}
+
+/* Greet robots that were let go with power, to switch it off. Returns -1 when one of them cannot be had. */
+static int power_off_left(unsigned long mask, const char *call)
+{
+    RCI_TASK *td;
+    int index = 0, status = 0;
+
+    while ((td = next_of(mask, &index)) != NULL) {
+        int left;
+
+        rci_lock();
+        left = is_left_with_power(td);
+        rci_unlock();
+        if (left && rci_link_open(td, 1, call) < 0)
+            status = -1;
+    }
+    wake_all(mask);
+    wait_for_links(mask);
+    return status;
+}
+
 static int release(unsigned long mask, int power_off, const char *call)
 {
     RCI_TASK *td;
-    int index = 0;
+    int index = 0, status;
 
     if (rci_current != NULL)
         return rci_fail("%s: only the planning program may do that", call);
@@ -289,7 +318,8 @@ static int release(unsigned long mask, int power_off, const char *call)
     rci_unlock();
     wake_all(mask);
     wait_for_links(mask);
-    return tell(mask);
+    status = power_off ? power_off_left(mask, call) : 0; /* of tasks that had ended, or were released before */
+    return tell(mask) < 0 ? -1 : status;
 }
 
 int rci_release(unsigned long mask)
