@@ -418,12 +418,15 @@ class Interpreter:
         told = ProgramError(f"program {program}, {ProgramError(what, line, column)}" if line else what)
         told.line, told.column = line, column
         task.doing = task.until = None
+        told = told if task is self.task else ProgramError(f"beside: {told}")
         if task.on_error and task is self.task:
-            handler, task.on_error = task.on_error, ""
-            self.message = str(told)
-            self._call_reaction(task, Watch(handler, task.frames[-1].priority if task.frames else 0, True))
-            return
-        self._fail(told if task is self.task else ProgramError(f"beside: {told}"))
+            try:
+                self._call_reaction(task, Watch(task.on_error, task.frames[-1].priority if task.frames else 0, True))
+                task.on_error, self.message = "", str(told)
+                return
+            except ProgramError as refusal:
+                told = ProgramError(f"{told}; and REACTE: {refusal}")
+        self._fail(told)
         self._failed = task
 
     def _fail(self, error: QRobotError) -> None:
