@@ -90,8 +90,8 @@ class Interpreter:
             LinkError, ServoFault: the arm is lost.
         """
         self.need_path()
-        self.machine.reset_manner()
         self.task, self._unfinished = ValTask(self.machine, program, cycles=cycles, step=step - 1), []
+        self.machine.reset_manner()
         self._forget_failure()
         return self._run(single)
 
@@ -114,6 +114,7 @@ class Interpreter:
             self._fail(error)
             return self.state
         self._failed = None
+        self.machine.take_up()
         return self._run(single)
 
     def lead_back(self) -> bool:
@@ -141,6 +142,7 @@ class Interpreter:
         """Give the program up; the arm comes to rest on its path."""
         self._come_to_rest()
         self.machine.arm.unfinished()
+        self.machine.forget_hand()
         self.task, self._unfinished, self.beside, self._failed = None, [], [], None
         self.state, self.message = RunState.ABORTED, ""
 
@@ -157,6 +159,8 @@ class Interpreter:
         self.machine.programs[TYPED] = tree.ValProgram(TYPED, (), (line,))
         try:
             self.task, self._unfinished = ValTask(self.machine, TYPED), []
+            if before:
+                self.machine.set_aside()
             self._run(single=False)
             self.need_path()
             if self.error is not None:

@@ -56,7 +56,6 @@ class Machine:
         self.switches = {switch: switch in ("CP", "MESSAGES") for switch in SWITCHES}
         self.hand_time_s = DEFAULT_HAND_TIME_S
         self.collision_percent = FILES_OWN
-        self.hand_at_next: bool | None = None
         self.lines: SignalLines | None = None
         self.analog: dict[int, float] = {}
         self._internal: set[int] = set()
@@ -183,7 +182,27 @@ class Machine:
         self.speed, self.in_mm_s = 100.0, False
         self.next_speed: tuple[float, bool] | None = None
         self.words = ""
+        self.forget_hand()
         self.forget_destination()
+
+    def forget_hand(self) -> None:
+        """A program has been given up: no motion opens or closes the hand for it, and no typed one leaves it a speed."""
+        self.hand_at_next: bool | None = None
+        self._aside: tuple[tuple[float, bool] | None, str, bool | None] | None = None
+
+    def set_aside(self) -> None:
+        """Steps are typed while a program is paused: what it asked of its next motion stays for that; see `take_up`.
+
+        Motions that are typed have the same speed and configuration, when no others are typed before; the hand waits.
+        """
+        if self._aside is None:
+            self._aside, self.hand_at_next = (self.next_speed, self.words, self.hand_at_next), None
+
+    def take_up(self) -> None:
+        """The program goes on, as it asked, or as was typed last for its next motion."""
+        if self._aside is not None:
+            self.hand_at_next = self._aside[2] if self.hand_at_next is None else self.hand_at_next
+            self._aside = None
 
     def forget_destination(self) -> None:
         """The arm has been stopped: motions begin where it stands."""
@@ -213,7 +232,7 @@ class Machine:
         self._branch = branch_of(letters) if letters else self._branch
         if q is not None:
             self._branch = self.space.branch(q)
-        self.next_speed, self.words = None, ""
+        self.next_speed, self.words = (None, "") if self._aside is None else self._aside[:2]
 
     def _move(self, destination: Destination) -> None:
         """Queue a motion. Raises MotionError, with the speed or the configuration that would get there."""
