@@ -105,14 +105,16 @@ class Interpreter:
         if stopped := self.machine.arm.kept:
             self.pause(stopped)
             return self.state
-        unfinished, self._unfinished = self._unfinished, []
         try:
-            for destination in unfinished:
-                self.machine.arm.move(destination)
+            while self._unfinished:
+                self.machine.go_again(self._unfinished[0])
+                del self._unfinished[0]
         except MotionError as error:
-            self._unfinished = unfinished
             self._fail(error)
             return self.state
+        except KeyboardInterrupt:
+            self._interrupted()
+            raise
         self._failed = None
         self.machine.take_up()
         return self._run(single)
@@ -292,7 +294,7 @@ class Interpreter:
                 self._pause_on_way_back()  # the path keeps its motions
                 return
             self._come_to_rest()
-            self._unfinished = self.machine.arm.unfinished()
+            self._unfinished = self.machine.arm.unfinished() + self._unfinished
         except QRobotError:
             self.task = None  # the arm is lost
 
@@ -435,5 +437,5 @@ class Interpreter:
 
     def _fail(self, error: QRobotError) -> None:
         self._come_to_rest()
-        self._unfinished = self.machine.arm.unfinished()
+        self._unfinished = self.machine.arm.unfinished() + self._unfinished  # that were not queued yet
         self.state, self.message, self.error = RunState.FAILED, str(error), error

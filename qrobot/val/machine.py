@@ -10,6 +10,7 @@ import numpy as np
 from qrobot.arrays import Floats
 from qrobot.errors import JointLimit, MotionError, ProgramError, TooFast, Unreachable
 from qrobot.model.branch import Branch, branch_of
+from qrobot.model.transform import inverse
 from qrobot.val.arm import Destination, ValArm
 from qrobot.val.number_ranges import FILES_OWN, TIMER
 from qrobot.val.parser import parse_variable
@@ -186,7 +187,7 @@ class Machine:
         self.forget_destination()
 
     def forget_hand(self) -> None:
-        """A program has been given up: no motion opens or closes the hand for it, and no typed one leaves it a speed."""
+        """A program has been given up: the next motion does not open or close the hand for it."""
         self.hand_at_next: bool | None = None
         self._aside: tuple[tuple[float, bool] | None, str, bool | None] | None = None
 
@@ -233,6 +234,17 @@ class Machine:
         if q is not None:
             self._branch = self.space.branch(q)
         self.next_speed, self.words = (None, "") if self._aside is None else self._aside[:2]
+
+    def go_again(self, destination: Destination) -> None:
+        """Queue a motion that was interrupted; the next one begins where it leads. Raises MotionError."""
+        self.arm.move(destination)
+        if destination.q is not None:
+            self._dest, self._branch = self.space.tool_at(destination.q), self.space.branch(destination.q)
+        if destination.T_robot_tool is not None:
+            last = destination.T_robot_tool @ inverse(destination.T_last_tool)  # the tool may be another one by now
+            self._dest = self.space.base @ last @ self.space.T_last_tool
+        if destination.letters:
+            self._branch = branch_of(destination.letters)
 
     def _move(self, destination: Destination) -> None:
         """Queue a motion. Raises MotionError, with the speed or the configuration that would get there."""

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import pytest
 
-from qrobot.errors import ProgramError
-from qrobot.val.interpreter import RunState
+from qrobot.arrays import Floats
+from qrobot.errors import MotionError, ProgramError
+from qrobot.val.arm import Destination
+from qrobot.val.interpreter import Interpreter, RunState
 from qrobot.val.source import read_source
+from tests.support.puma import PARK
 from tests.support.val_runs import interpreter, main_program
 
 PLACES = """
@@ -15,6 +18,7 @@ a 450 150 0 90 90 0
 b 450 -150 0 90 90 0
 c 500 0 200 45 0 0
 far 2000 0 0 90 90 0
+#q 10 -50 175 5 50 5
 .END
 """
 
@@ -80,3 +84,86 @@ def test_the_hand_of_a_program_that_is_given_up_stays_as_it_is(given_up: str) ->
             run.do("MOVE b")
         assert run.execute("other") is RunState.COMPLETED
         assert hands == []
+
+
+def _interrupt_at(run: Interpreter, sample: int) -> None:
+    """Ctrl-C in the sample of this number, from now."""
+    count, sampled = iter(range(1_000_000)), run.machine.arm.sample
+
+    def look() -> None:
+        sampled()
+        if next(count) == sample:
+            raise KeyboardInterrupt
+
+    run.machine.arm.sample = look  # type: ignore[method-assign]
+
+
+def _ends(lines: tuple[str, ...], library: str, after: tuple[str, ...] = ()) -> Floats:
+    """Where the tool is at the end, also when Ctrl-C came on the way to `a` and `after` was typed. Shape (4, 4)."""
+    with interpreter(main_program(*lines, rest=PLACES), library=library) as (run, _):
+        if not after:
+            assert run.execute("main") is RunState.COMPLETED, run.message
+            return run.machine.frame("here")
+        _interrupt_at(run, 8)
+        with pytest.raises(KeyboardInterrupt):
+            run.execute("main")
+        assert run.machine.arm.q != pytest.approx(PARK, abs=0.01)  # on its way
+        for step in after[:-1]:
+            run.do(step)
+        assert run.proceed() is RunState.COMPLETED, run.message
+        return run.machine.frame("here")
+
+
+@pytest.mark.parametrize(
+    ("lines", "after", "library"),
+    [
+        (("MOVE a", "MOVES b", "DEPARTS 100"), ("PROCEED",), "rccl"),
+        (("MOVE a", "MOVES b", "DEPARTS 100"), ("MOVE SHIFT(a BY 30)", "PROCEED"), "arcl"),
+        (("MOVE a", "MOVE b:TRANS(,,,90,-70)", "ALIGN"), ("PROCEED",), "arcl"),
+        (("MOVE a", "MOVE b", "MOVE SHIFT(DEST BY ,,50)"), ("MOVE SHIFT(a BY 30)", "PROCEED"), "rccl"),
+        (("MOVE a", "MOVE #q", "DEPART 20"), ("PROCEED",), "rccl"),
+        (("MOVE a", "RIGHTY", "MOVE c", "NOFLIP", "MOVE SHIFT(c BY 30)"), ("PROCEED",), "rccl"),
+    ],
+)
+def test_an_interrupted_motion_leads_again_to_the_place_that_the_next_one_departs_from(
+    lines: tuple[str, ...], after: tuple[str, ...], library: str
+) -> None:
+    assert _ends(lines, library, after) == pytest.approx(_ends(lines, library), abs=1e-6)
+
+
+def test_a_departure_that_failed_is_retried_from_where_the_motion_before_leads() -> None:
+    ends = []
+    for back in (5000.0, 50.0):
+        with interpreter(main_program("MOVE a", "DEPART n", rest=PLACES)) as (run, _):
+            run.machine.values["n", ()] = back
+            if run.execute("main") is RunState.FAILED:
+                run.machine.values["n", ()] = 50.0
+                assert run.retry() is RunState.COMPLETED, run.message
+            ends.append(run.machine.frame("here"))
+    assert ends[0] == pytest.approx(ends[1], abs=1e-6)
+
+
+def test_motions_that_could_not_be_gone_on_with_are_kept_for_the_next_proceed() -> None:
+    """Whether the library refuses one, or Ctrl-C comes in between: none is lost, and none is left out."""
+    with interpreter(main_program("MOVE a", "MOVES b", "x = 1", "MOVE a", rest=PLACES)) as (run, _):
+        _interrupt_at(run, 8)
+        with pytest.raises(KeyboardInterrupt):
+            run.execute("main")
+        arm, gone = run.machine.arm, []
+        move, refusals = arm.move, [None, MotionError("not now"), KeyboardInterrupt()]
+
+        def hesitant(destination: Destination) -> None:
+            if refusals and (refusal := refusals.pop(0)) is not None:
+                raise refusal
+            gone.append(destination.name)
+            move(destination)
+
+        arm.move = hesitant  # type: ignore[method-assign]
+        assert run.proceed() is RunState.FAILED
+        assert run.message == "not now"
+        with pytest.raises(KeyboardInterrupt):
+            run.proceed()
+        assert run.state is RunState.PAUSED
+        assert run.proceed() is RunState.COMPLETED, run.message
+        assert gone == ["a", "a", "b", "a"]
+        assert run.machine.values["x", ()] == 1.0
