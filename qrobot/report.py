@@ -2,7 +2,51 @@
 
 from __future__ import annotations
 
+import contextlib
+import threading
 from collections.abc import Callable
-from typing import TypeAlias
+from queue import SimpleQueue
+from types import TracebackType
+from typing import Final, Self, TypeAlias
 
 Report: TypeAlias = Callable[[str], None]
+
+KEPT_LINES: Final = 1000  # [A] that wait to be written; what is told beyond them is lost
+LAST_LINES_S: Final = 1.0  # [A] that the end waits for what is still to be written
+
+
+class QueuedReport:
+    """A report that returns at once and raises nothing: a thread of its own writes the lines, in order.
+
+    For processes that move an arm or keep it safe. Neither a terminal that is held (Ctrl-S) nor a full disk behind a
+    redirected stderr may make them wait or end; a line that cannot be written is lost.
+    """
+
+    def __init__(self, report: Report) -> None:
+        self._report = report
+        self._lines = SimpleQueue[str | None]()
+        self._thread = threading.Thread(target=self._write, name="report", daemon=True)
+        self._thread.start()
+
+    def __call__(self, line: str) -> None:
+        """Tell one line."""
+        if self._lines.qsize() < KEPT_LINES:
+            self._lines.put(line)
+
+    def close(self) -> None:
+        """Wait a moment for what is still to be written; later lines are lost."""
+        self._lines.put(None)
+        self._thread.join(LAST_LINES_S)
+
+    def _write(self) -> None:
+        while (line := self._lines.get()) is not None:
+            with contextlib.suppress(Exception, SystemExit):  # Rich exits when nobody reads stderr any more
+                self._report(line)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()

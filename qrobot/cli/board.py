@@ -18,6 +18,7 @@ from qrobot.cli.option_types import OutputFile
 from qrobot.config.deployment import DeployedArm
 from qrobot.config.scene import SceneKind
 from qrobot.errors import ConfigError
+from qrobot.report import QueuedReport
 
 if TYPE_CHECKING:
     from qrobot.hwif.board_memory import BoardMemory
@@ -96,18 +97,19 @@ def board(
 
     @contextmanager
     def served(memory: BoardMemory) -> Iterator[None]:
-        with modules_beside(chosen.board, memory, note), servers(serve, MemoryEndpoint(memory), note):
+        with modules_beside(chosen.board, memory, told), servers(serve, MemoryEndpoint(memory), told):
             yield
 
-    serve_emulator(
-        chosen.name,
-        emulator,
-        lambda: note(f"board of {chosen.name} ({robot.name}) runs"),
-        served,
-        chosen.board.slips,
-        [arm.name for arm in choose_arms(deployment, None) if arm.board.slips and arm.name != chosen.name],
-        lambda line: note(f"{chosen.name}: {line}"),
-    )
+    with QueuedReport(note) as told:
+        serve_emulator(
+            chosen.name,
+            emulator,
+            lambda: told(f"board of {chosen.name} ({robot.name}) runs"),
+            served,
+            chosen.board.slips,
+            [arm.name for arm in choose_arms(deployment, None) if arm.board.slips and arm.name != chosen.name],
+            lambda line: told(f"{chosen.name}: {line}"),
+        )
 
 
 def refuse_options(arm: DeployedArm, **options: object) -> None:
@@ -124,16 +126,14 @@ def run_gateway(arm: DeployedArm, record: Path | None = None) -> None:
     from qrobot.hwif.transports import open_transport
     from qrobot.realtime.startup_order import await_turn
 
-    def report(line: str) -> None:
-        note(f"{arm.name}: {line}")
-
     await_turn()
-    bus, period_ns, module_losses = open_transport(arm.board, report)
-    held = sum(1 << each.bit for each in arm.board.outputs if each.on_stop == "hold")
-    if record is None:
-        serve(arm.name, bus, period_ns, report, module_losses, held)
-        return
-    with BusRecorder(bus, record) as recorder:
-        serve(arm.name, recorder, period_ns, report, module_losses, held)
-    if recorder.problem:
-        report(f"{record} is not complete: {recorder.problem}")
+    with QueuedReport(lambda line: note(f"{arm.name}: {line}")) as report:
+        bus, period_ns, module_losses = open_transport(arm.board, report)
+        held = sum(1 << each.bit for each in arm.board.outputs if each.on_stop == "hold")
+        if record is None:
+            serve(arm.name, bus, period_ns, report, module_losses, held)
+            return
+        with BusRecorder(bus, record) as recorder:
+            serve(arm.name, recorder, period_ns, report, module_losses, held)
+        if recorder.problem:
+            report(f"{record} is not complete: {recorder.problem}")

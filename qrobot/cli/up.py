@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from qrobot.cli.arms import DEFAULT_DEPLOYMENT, neighbours_of_arm, robot_of_arm, servo_settings
 from qrobot.cli.console import SUCCESS, note
 from qrobot.cli.option_types import OutputFolder, checked_folder
+from qrobot.report import QueuedReport
 
 if TYPE_CHECKING:
     from qrobot.config.deployment import DeployedArm
@@ -83,8 +84,9 @@ def _watch(rig: ProcessRig) -> None:
     from qrobot.rig.log_trouble import LogTrouble
     from qrobot.rig.restarts import Restarts
 
-    restarts, trouble = Restarts(rig, note), LogTrouble(note)
-    while True:
-        time.sleep(POLL_S)
-        restarts.look()
-        trouble.look([child for child in rig.children.values() if not child.plan.vital])
+    with QueuedReport(note) as told:
+        restarts, trouble = Restarts(rig, told), LogTrouble(told)
+        while True:
+            time.sleep(POLL_S)
+            restarts.look()
+            trouble.look([child for child in rig.children.values() if not child.plan.vital])

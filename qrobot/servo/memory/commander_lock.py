@@ -36,6 +36,8 @@ class Authority:
     def take(self, label: str) -> None:
         """Hold it, under a name for people. Raises LinkBusy naming the holder when somebody else does."""
         if self._segment is None:
+            if holder := self.maybe_holder():  # known at once; to make sure of its lock would take 45 ms
+                raise LinkBusy(f"{self.arm} is commanded by {holder}")
             try:
                 self._segment = SharedMemory.create(self._name, LAYOUT, _N_WORDS)
             except LinkBusy:

@@ -16,17 +16,14 @@ from qrobot.wire import CollisionReaction, Payload
 REACTIONS: Final = tuple(reaction.name.lower() for reaction in CollisionReaction)
 
 
-def set_speed(
-    mailbox: ServoMailbox, request: ChangeOverride | PauseRequest | ResumeRequest, say: Callable[[str], None]
-) -> None:
-    """Hand override or pause to the servo, at once."""
+def set_speed(mailbox: ServoMailbox, request: ChangeOverride | PauseRequest | ResumeRequest) -> str:
+    """Hand override or pause to the servo, at once. The line that tells people."""
     if isinstance(request, ChangeOverride):
         mailbox.request_override(request.factor)
-        say(f"speed override {request.factor:.0%}")
-    else:
-        paused = isinstance(request, PauseRequest)
-        mailbox.request_pause(paused)
-        say("motions paused" if paused else "motions resumed")
+        return f"speed override {request.factor:.0%}"
+    paused = isinstance(request, PauseRequest)
+    mailbox.request_pause(paused)
+    return "motions paused" if paused else "motions resumed"
 
 
 def set_payload(
@@ -42,11 +39,14 @@ def set_payload(
     return lambda: mailbox.snapshot().payload_mass == payload.mass
 
 
-def set_collision(mailbox: ServoMailbox, request: ChangeCollision, robot: Robot, say: Callable[[str], None]) -> None:
-    """Hand thresholds and reaction to the servo. Raises ConfigError for thresholds that would tell of less."""
+def set_collision(mailbox: ServoMailbox, request: ChangeCollision, robot: Robot) -> str:
+    """Hand thresholds and reaction to the servo. The line that tells people.
+
+    Raises ConfigError for thresholds that would tell of less.
+    """
     asked = request.thresholds
     if asked and (objection := threshold_objection(robot, asked)):
         raise ConfigError(objection)
     mailbox.request_collision(asked, REACTIONS.index(request.reaction))
     told = " ".join(f"{threshold:g}" for threshold in asked) or "of the robot file"
-    say(f"collisions: thresholds {told}, then {request.reaction}")
+    return f"collisions: thresholds {told}, then {request.reaction}"

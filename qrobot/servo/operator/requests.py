@@ -96,17 +96,17 @@ class Controls:
                 mailbox.request_power_off()
                 return partial(self._replying, self._told_by_loop)
             case ChangeCollision():
-                set_collision(mailbox, request, self._servo.robot, self._servo.say)
-                return partial(self._replying, self._told_by_loop)
+                told = set_collision(mailbox, request, self._servo.robot)
+                return partial(self._replying, lambda: self._told_after(told))
             case ChangeOverride() | PauseRequest() | ResumeRequest():
-                set_speed(mailbox, request, self._servo.say)
-                return partial(self._replying, self._told_by_loop)
+                told = set_speed(mailbox, request)
+                return partial(self._replying, lambda: self._told_after(told))
         self._authorise(visitor)
-        if not self._commanding.acquire(blocking=False):
-            raise LinkBusy("another command is still being done; only stop, power off and status need not wait for it")
         return partial(self._replying, lambda: self._command(request, visitor.gone))
 
     def _command(self, request: OperatorRequest, given_up: threading.Event) -> bytes:
+        if not self._commanding.acquire(blocking=False):
+            raise LinkBusy("another command is still being done; only stop, power off and status need not wait for it")
         try:
             self._obey(request, given_up)
         finally:
@@ -129,6 +129,10 @@ class Controls:
     def _told_fences(self) -> bytes:
         servo = self._servo
         return encode(Reply(ok=True, fences=fence_status(servo.settings.fences, servo.mailbox.snapshot().q)))
+
+    def _told_after(self, line: str) -> bytes:
+        self._servo.say(line)
+        return self._told_by_loop()
 
     def _told_by_loop(self) -> bytes:
         """Status of the servo once its loop has seen the request, or the guardian has taken its place."""

@@ -101,7 +101,11 @@ class OperatorConnection:
         """Let another thread find out the reply and send it. Raises BlockingIOError for too many at once."""
         if not self._waiting.acquire(blocking=False):
             raise BlockingIOError("too many requests at once")
-        threading.Thread(target=self._send, args=(rest,), name="control-reply", daemon=True).start()
+        try:
+            threading.Thread(target=self._send, args=(rest,), name="control-reply", daemon=True).start()
+        except RuntimeError as error:  # this process, or its account, may have no more threads
+            self._waiting.release()
+            raise BlockingIOError(str(error)) from None
 
     def _send(self, rest: Callable[[], bytes]) -> None:
         try:

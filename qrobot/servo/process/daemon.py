@@ -39,7 +39,7 @@ from qrobot.realtime.setup import SetupStep, hold_dma_latency, insist_on, leave_
 from qrobot.realtime.shared_memory import segment_path
 from qrobot.realtime.signals import interrupted_by_sigterm
 from qrobot.realtime.startup_order import await_turn, turn_is_awaited
-from qrobot.report import Report
+from qrobot.report import QueuedReport, Report
 from qrobot.servo.laws import law_label
 from qrobot.servo.laws.law import Law
 from qrobot.servo.laws.law_swap import SwapState
@@ -100,7 +100,7 @@ class ServoProcess:
     arm: str
     robot: Robot
     settings: ServoSettings
-    report: Report
+    report: QueuedReport
     memory: ServoSegment
     board: BoardSegment
     card: Words
@@ -300,6 +300,7 @@ def serve(
     board = _board_memory(arm, card, robot.n, settings.period_ns)
     rows = _ring_rows(arm, robot, settings, report)
     with (
+        QueuedReport(report) as told,
         interrupted_by_sigterm(),  # the loop is not there yet to be asked for an end
         create_servo_memory(arm, robot.name, law_label(settings.law), robot.n, settings.period_ns, rows) as memory,
     ):
@@ -312,7 +313,7 @@ def serve(
             arm,
             robot,
             settings,
-            report,
+            told,
             memory,
             board,
             card,
@@ -325,8 +326,8 @@ def serve(
         with shutdown_on_signals(memory.front):
             started()
             _run_and_watch(process, look)
-    if card[CARD_READ_ONLY]:
-        report(f"dry run: {int(card[CARD_WITHHELD])} accesses that would have changed something were withheld")
+        if card[CARD_READ_ONLY]:
+            told(f"dry run: {int(card[CARD_WITHHELD])} accesses that would have changed something were withheld")
     process.board.close(unlink=process.board.owner)
     Authority(arm).clear()
 
@@ -395,7 +396,7 @@ def _served(control: ControlSocket) -> Iterator[deque[str]]:
         while not done.is_set():
             try:
                 control.serve(POLL_S)
-            except Exception:  # our mistake: the next request may be a stop; a terminal that is held must not delay it
+            except BaseException:  # our mistake: the next request may be a stop
                 problems.append(traceback.format_exc())
                 done.wait(POLL_S)
 
@@ -428,5 +429,6 @@ class _Running:
             self._beat, self._patience = int(front.heartbeat.t_ns), Deadline(HUNG_S)
         if self._thread.is_alive() and self._patience.passed:
             self._process.report(f"the loop has run no cycle for {HUNG_S:g} s and is left where it hangs")
+            self._process.report.close()
             os._exit(1)  # the thread holds on to all memory here: only an end as by `kill -9` is one
         return self._thread.is_alive()

@@ -30,6 +30,7 @@ from qrobot.realtime.clock import monotonic_ns, sleep_until_ns
 from qrobot.realtime.jit import lean_kernel
 from qrobot.realtime.setup import HIGHEST_PRIORITY, SetupStep, lock_memory, set_fifo, tighten_timers
 from qrobot.realtime.shared_memory import HEADER_WORDS, SegmentT, SharedMemory
+from qrobot.report import QueuedReport, Report
 from qrobot.servo.memory.servo_memory import ServoFront, attach_servo_memory, local_servo_memory, servo_front
 from qrobot.servo.memory.telemetry import SMALLEST_RING
 from qrobot.servo.settings import DEFAULT_TIMEOUT_MS
@@ -144,7 +145,7 @@ class Guardian:
         self,
         arm: str,
         timeout_ms: float = DEFAULT_TIMEOUT_MS,
-        report: Callable[[str], None] = lambda _line: None,
+        report: Report = lambda _line: None,
         card: Words | None = None,
         slips: bool = False,
     ) -> None:
@@ -181,11 +182,15 @@ class Guardian:
         """
         if self._card[CARD_KIND] == REAL_CARD:
             require_ports(int(self._card[CARD_BASE]))
+        with QueuedReport(self._report) as told:
+            self._run(linger_s, told)
+
+    def _run(self, linger_s: float, told: Report) -> None:
         alone_since: int | None = None
         while not self.stop[0]:
             before = self.tripped
             self._watch_for(SLICE_NS, self.stop)
-            self._tell(before)
+            self._tell(before, told)
             self._servo = _follow(self._servo, attach_servo_memory, self.arm)
             self._board = _follow(self._board, attach_board_memory, self.arm)
             if self._servo.owner_alive:
@@ -216,11 +221,11 @@ class Guardian:
         until_ns = monotonic_now() + duration_ns
         watch(self._own, *memories, self._ops, stop, self.timeout_ns, until_ns, self._slips)
 
-    def _tell(self, before: bool) -> None:
+    def _tell(self, before: bool, told: Report) -> None:
         if self.tripped and not before:
-            self._report(f"the servo of {self.arm} is silent: torque zero, arm power off")
+            told(f"the servo of {self.arm} is silent: torque zero, arm power off")
         elif before and not self.tripped:
-            self._report(f"the servo of {self.arm} has the board again")
+            told(f"the servo of {self.arm} has the board again")
 
     def close(self) -> None:
         """Unmap both memories and leave the guardian's place to another one."""

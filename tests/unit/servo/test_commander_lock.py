@@ -10,6 +10,7 @@ import pytest
 
 from qrobot.errors import LinkBusy
 from qrobot.rccl_bridge.lease import Lease
+from qrobot.realtime import shared_memory
 from qrobot.realtime.shared_memory import segment_path
 from qrobot.servo.memory.commander_lock import LABEL_BYTES, Authority
 
@@ -39,6 +40,16 @@ def test_one_holder_at_a_time_named_to_whoever_is_refused(arm: str) -> None:
     second.take("me")
     assert first.maybe_holder() == second.maybe_holder()
     second.release()
+
+
+def test_whoever_is_refused_is_so_at_once(arm: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The thread that refuses is the one that reads stops."""
+    first, second = Authority(arm), Authority(arm)
+    first.take("a program")
+    monkeypatch.setattr(shared_memory, "sleep_between_looks", lambda _: pytest.fail("it waited"))
+    with pytest.raises(LinkBusy, match="is commanded by a program"):
+        second.take("me")
+    first.release()
 
 
 def test_taking_it_again_changes_the_name_and_releasing_twice_nothing(arm: str) -> None:

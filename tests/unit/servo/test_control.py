@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import re
 import shutil
 import socket
@@ -21,7 +22,7 @@ import pytest
 from qrobot.cli import ctl
 from qrobot.config import Robot, load_robot
 from qrobot.config.fences import Fence
-from qrobot.errors import LinkBusy, LinkError, LinkTimeout, QRobotError, RemoteProtocolError
+from qrobot.errors import LinkBusy, LinkError, LinkLost, LinkTimeout, QRobotError, RemoteProtocolError
 from qrobot.faultcodes import FaultCode
 from qrobot.fences.fence_set import FenceSet
 from qrobot.hwif.board_memory import local_board_memory, publish_image
@@ -30,6 +31,7 @@ from qrobot.modecodes import Mode
 from qrobot.realtime.page_faults import FaultWatch
 from qrobot.realtime.runtime_folder import MEMORY_FOLDER
 from qrobot.realtime.structure import view_words
+from qrobot.report import QueuedReport
 from qrobot.servo.laws import LAWS, find_law
 from qrobot.servo.laws.law import KP, KV, Law
 from qrobot.servo.laws.law_swap import SwapState
@@ -45,6 +47,7 @@ from qrobot.servo.operator.messages import MAX_LINE_BYTES, ChangeGains, ChangeLa
 from qrobot.servo.operator.requests import Controls
 from qrobot.servo.operator.sockets import (
     MAX_CLIENTS,
+    MAX_WAITING,
     ControlSocket,
     OperatorConnection,
     arms_that_run,
@@ -459,6 +462,60 @@ def test_stop_power_off_and_status_are_obeyed_while_every_other_request_hangs(
     assert said == ["it hung"]
 
 
+def test_a_stop_is_read_while_a_line_about_the_request_before_cannot_be_written(
+    servo: Bench, client: ServoClient, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    held, freed = threading.Event(), threading.Event()
+
+    def say(_line: str) -> None:
+        held.set()
+        assert freed.wait(PATIENCE_S)
+
+    monkeypatch.setattr(servo, "say", say)
+    with ServoClient(servo.arm) as other:
+        pausing = threading.Thread(target=other.pause)
+        pausing.start()
+        assert held.wait(PATIENCE_S)
+        stops = int(servo.bench.mail.command.stops)
+        try:
+            client.stop()
+            assert servo.bench.mail.command.stops == stops + 1
+            assert pausing.is_alive()
+        finally:
+            freed.set()
+            pausing.join()
+        other.resume()
+
+
+def test_whoever_asks_for_more_than_is_answered_at_once_keeps_the_command_from_nobody(servo: Bench) -> None:
+    line = b'{"command": "clear"}\n'
+    with socket.socket(socket.AF_UNIX) as raw, hanging() as (began, freed), pytest.MonkeyPatch.context() as patch:
+        for told in ("_told", "_told_fences"):
+            patch.setattr(Controls, told, lambda _self, hang=Controls._obey: hang())
+        connect_to_servo(servo.arm, raw)
+        raw.sendall(b'{"command": "status"}\n' * MAX_WAITING)
+        assert began.wait(PATIENCE_S)
+        raw.sendall(line)
+        raw.settimeout(PATIENCE_S)
+        with contextlib.suppress(ConnectionResetError):
+            assert raw.recv(100) == b""  # hung up on
+        freed.set()
+    with ServoClient(servo.arm) as other:
+        wait_until(lambda: _accepted(other.clear), "the command is free")
+
+
+def test_without_a_thread_for_the_reply_the_visitor_is_sent_away_and_the_next_one_served(servo: Bench) -> None:
+    def start(_thread: threading.Thread) -> None:
+        raise RuntimeError("can't start new thread")
+
+    with ServoClient(servo.arm) as unlucky, pytest.MonkeyPatch.context() as patch:
+        patch.setattr(threading.Thread, "start", start)
+        with pytest.raises(LinkLost):
+            unlucky.clear()
+    with ServoClient(servo.arm) as other:
+        wait_until(lambda: _accepted(other.clear), "the command is free")
+
+
 def test_a_second_command_is_refused_while_the_first_is_being_done(servo: Bench) -> None:
     with socket.socket(socket.AF_UNIX) as raw, hanging() as (began, freed):
         raw.settimeout(PATIENCE_S)
@@ -647,6 +704,27 @@ def test_when_the_main_thread_fails_the_loop_ends_in_good_order_first() -> None:
     assert process.ended
 
 
+def test_a_full_disk_behind_the_lines_for_people_ends_nothing() -> None:
+    """`serve` hands the process such a report; stderr is a file on the disk of the logs."""
+    tried: list[str] = []
+
+    def note(line: str) -> None:
+        tried.append(line)
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    def look(*_: object) -> None:
+        if tried:
+            process.bench.mail.command.shutdown = 1
+
+    process = Process(ServoBench())
+    process.mailbox.request_power(True)
+    with QueuedReport(note) as report, pytest.MonkeyPatch.context() as patch:
+        patch.setattr(process, "report", report)
+        _run_and_watch(process, look)  # type: ignore[arg-type]
+    assert process.ended
+    assert tried[0].startswith("OFF -> ")
+
+
 def test_what_people_are_told_is_of_one_whole_cycle() -> None:
     """Mode, event and joint of a cycle that is still at work do not belong together yet."""
     process = Process(ServoBench().hold())
@@ -729,20 +807,21 @@ def test_the_status_of_a_faulted_servo_tells_what_was_measured_and_what_was_allo
     assert re.match(r"joint 3: 0\.\d+ rad, limit 0\.06 rad; FOLLOWING: a joint lags", status.text)
 
 
-def test_a_mistake_of_ours_neither_ends_the_control_interface_nor_waits_for_a_terminal() -> None:
+@pytest.mark.parametrize("mistake", [ZeroDivisionError("ours"), SystemExit("ours")])
+def test_a_mistake_of_ours_neither_ends_the_control_interface_nor_waits_for_a_terminal(mistake: BaseException) -> None:
     class Broken:
         served = 0
 
         def serve(self, _seconds: float) -> None:
             self.served += 1
             if self.served == 1:
-                raise ZeroDivisionError("ours")
+                raise mistake
 
     broken: Any = Broken()
     with _served(broken) as problems:
         wait_until(lambda: broken.served > 2, "it goes on")
     (told,) = problems
-    assert "ZeroDivisionError: ours" in told
+    assert f"{type(mistake).__name__}: ours" in told
 
 
 def test_resume_is_heard_as_the_end_of_a_pause_also_when_there_was_none(servo: Bench) -> None:

@@ -1,0 +1,69 @@
+"""Lines to people that nobody waits for, whatever becomes of them."""
+
+from __future__ import annotations
+
+import errno
+import threading
+from dataclasses import dataclass, field
+
+import pytest
+
+from qrobot.report import KEPT_LINES, QueuedReport
+from tests.support.patience import PATIENCE_S, wait_until
+
+
+@dataclass
+class Terminal:
+    """Takes lines while it is not held; may raise instead."""
+
+    error: BaseException | None = None
+    taken: list[str] = field(default_factory=list)
+    free: threading.Event = field(default_factory=threading.Event)
+
+    def __call__(self, line: str) -> None:
+        assert self.free.wait(PATIENCE_S)
+        self.taken.append(line)
+        if self.error is not None:
+            raise self.error
+
+
+def test_lines_are_written_in_their_order_before_the_end() -> None:
+    terminal = Terminal()
+    terminal.free.set()
+    with QueuedReport(terminal) as told:
+        for number in range(100):
+            told(str(number))
+    assert terminal.taken == [str(number) for number in range(100)]
+
+
+def test_a_terminal_that_is_held_makes_nobody_wait_and_has_its_lines_when_it_is_let_go() -> None:
+    terminal = Terminal()
+    with QueuedReport(terminal) as told:
+        for number in range(2 * KEPT_LINES):
+            told(str(number))
+        assert terminal.taken == []
+        terminal.free.set()
+        wait_until(lambda: len(terminal.taken) >= KEPT_LINES, "the lines that were kept")
+    assert terminal.taken == [str(number) for number in range(len(terminal.taken))]
+    assert len(terminal.taken) <= KEPT_LINES + 1  # one may be under way
+
+
+def test_the_end_does_not_wait_for_ever(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("qrobot.report.LAST_LINES_S", 0.01)
+    terminal = Terminal()
+    with QueuedReport(terminal) as told:
+        told("never read")
+    assert terminal.taken == []
+    terminal.free.set()
+
+
+@pytest.mark.parametrize(
+    "error", [OSError(errno.ENOSPC, "No space left on device"), SystemExit(1), ZeroDivisionError()]
+)
+def test_a_line_that_cannot_be_written_is_lost_and_the_next_one_is_tried(error: BaseException) -> None:
+    terminal = Terminal(error)
+    terminal.free.set()
+    with QueuedReport(terminal) as told:
+        told("one")
+        told("two")
+    assert terminal.taken == ["one", "two"]
