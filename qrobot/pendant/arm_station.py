@@ -84,6 +84,7 @@ class ArmStation:
         self.board = BoardAccess(arm, self.programs.deployment, self.tell, monotonic)
         self._folder = Path(arm.log.directory or "out")
         self.procedures = ProcedureRunner(arm.name, self.programs.deployment, self._folder, on_change)
+        self._reached: Sequence[ArmStation] = ()  # by the newest program, besides its own arm
 
     @property
     def status(self) -> dict[str, Any]:
@@ -155,15 +156,26 @@ class ArmStation:
         self.worker.say(do="off")
 
     def leave_alone(self) -> None:
-        """The same when no page drives any longer; a program that commands the arm is paused on its path."""
+        """The same when no page drives any longer, and end the step of calibration that moves it."""
         self.give_arm()
         self.procedures.stop()
+
+    def hold_program(self, left: ArmStation) -> None:
+        """Pause the program of this arm on its path, at every arm that it reaches, if it reaches one that was `left`.
+
+        A recording that is followed, which no pause holds, is ended.
+        """
+        moved = (self, *self._reached)
+        if not self.programs.live or left not in moved:
+            return
         if self.programs.replays:
             self.programs.end()
             self.tell("no page drives: the recording is no longer followed")
-        elif self.programs.live:
-            self.requests.act("pause")
-            self.tell("no page drives: the program is paused; `Drive from here`, and `Go on`")
+            return
+        for arm in moved:
+            arm.requests.act("pause")
+        where = f" at {' and '.join(arm.arm.name for arm in moved)}" if self._reached else ""
+        self.tell(f"no page drives: the program is paused{where}; `Drive from here`, and `Go on`")
 
     @property
     def bridge(self) -> str:
@@ -182,6 +194,7 @@ class ArmStation:
         state = self._newest
         place = start_text(np.array(state.robot.q), self.robot) if state is not None and not self.watch.problem else ""
         self.programs.start(request, [self.bridge, *(other.bridge for other in others)], place)
+        self._reached = others
         self.tell(f"{request.name} is started")
 
     def start_procedure(self, request: PageProcedureStart) -> None:
@@ -231,6 +244,16 @@ class ArmStation:
             self._commanded = state.commanded
             self._on_change()
         self._on_state(state)
+
+
+def close_all(arms: Sequence[ArmStation]) -> None:
+    """Bring all arms to rest, each without waiting for another one, and end what moves them."""
+    for arm in arms:
+        arm.worker.close()
+        arm.programs.end()
+        arm.procedures.end()
+    for arm in arms:
+        arm.close()
 
 
 def monotonic() -> float:

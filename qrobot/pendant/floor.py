@@ -126,11 +126,7 @@ class DriveFloor:
     def look_at_lease(self) -> None:
         """End the driving of pages that sleep; to be called each second."""
         for arm in self.arms:
-            before = arm.lease.holder
-            if arm.lease.expire(self._clock()):
-                self._leave_alone(arm)
-                if (now := arm.lease.holder) is not None:
-                    arm.tell(f"page {before} did not answer: page {now} drives {arm.arm.name}")
+            self._look_at_lease_of(arm)
 
     # ---------------------------------------------------------------------------------------------------- messages
 
@@ -245,6 +241,7 @@ class DriveFloor:
     def _take_lease(self, page: PageView, arm: ArmStation) -> None:
         """Take the lease of an arm; while another page has it ask that one, or refuse whoever asks."""
         self._refuse_asker(page, arm)
+        self._look_at_lease_of(arm)
         if not arm.lease.take(page.number, self._clock()) and (driver := self._pages.get(arm.lease.holder or 0)):
             driver.complain(f"page {page.number} asks to drive {arm.arm.name}: Give up driving, or Keep driving")
         self.changed()
@@ -256,6 +253,13 @@ class DriveFloor:
             self._pages[refused].complain(f"page {page.number} keeps driving {arm.arm.name}")
             self.changed()
 
+    def _look_at_lease_of(self, arm: ArmStation) -> None:
+        before = arm.lease.holder
+        if arm.lease.expire(self._clock()):
+            self._leave_alone(arm)
+            if (now := arm.lease.holder) is not None:
+                arm.tell(f"page {before} did not answer: page {now} drives {arm.arm.name}")
+
     def _end_driving(self, page: PageView, arm: ArmStation) -> None:
         if arm.lease.give(page.number):
             self._leave_alone(arm)
@@ -264,6 +268,8 @@ class DriveFloor:
         """An arm that no page drives any longer."""
         arm.worker.say(do="release")
         arm.leave_alone()
+        for each in self.arms:
+            each.hold_program(arm)
         self.changed()
 
     def _release_all(self, page: PageView) -> None:

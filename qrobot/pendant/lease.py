@@ -22,8 +22,10 @@ class DriverLease:
         self._heard_s = self._asked_s = 0.0
 
     def take(self, page: int, now_s: float) -> bool:
-        """Ask for the lease, or keep it; False while another page has it, which may give it up or refuse it."""
-        self.expire(now_s)
+        """Ask for the lease, or keep it; False while another page has it, which may give it up or refuse it.
+
+        `expire` first: who loses the lease by that has to let go of the arm.
+        """
         if self.holder not in (None, page):
             if self.asker is None:
                 self.asker, self._asked_s = page, now_s

@@ -6,7 +6,7 @@ import asyncio
 import logging
 import secrets
 import socket
-from collections.abc import AsyncIterator, Callable, Sequence
+from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager, suppress
 from functools import partial
 from typing import Final
@@ -17,7 +17,7 @@ from starlette.websockets import WebSocket
 
 from qrobot.errors import LinkBusy
 from qrobot.pendant.answering_process import LOGS, SCOPE, AnsweringProcess
-from qrobot.pendant.arm_station import ArmStation
+from qrobot.pendant.arm_station import close_all
 from qrobot.pendant.floor import DriveFloor
 from qrobot.pendant.gate import TOKEN_PARAMETER, Gate
 from qrobot.pendant.live_socket import serve_page
@@ -121,7 +121,7 @@ async def _watch_arms(
         for task in tasks:
             task.cancel()
         await asyncio.gather(*tasks, return_exceptions=True)
-        await asyncio.to_thread(_close_all, floor.arms)
+        await asyncio.to_thread(close_all, floor.arms)
         for process in (reader, scope):
             await asyncio.to_thread(process.close)
 
@@ -130,10 +130,3 @@ async def _look_at_lease(floor: DriveFloor) -> None:
     while True:
         await asyncio.sleep(LEASE_LOOK_S)
         floor.look_at_lease()
-
-
-def _close_all(arms: Sequence[ArmStation]) -> None:
-    for arm in arms:
-        arm.worker.close()
-    for arm in arms:
-        arm.close()

@@ -15,7 +15,7 @@ from qrobot.config.start_place import start_text
 from qrobot.errors import MotionError, RemoteProtocolError
 from qrobot.model.arm import Arm
 from qrobot.model.transform_file import TransformFile
-from qrobot.pendant.arm_station import ArmStation
+from qrobot.pendant.arm_station import ArmStation, close_all
 from qrobot.pendant.floor import DriveFloor
 from qrobot.pendant.frames import HEAD, STATE_FRAME
 from qrobot.pendant.lease import ANSWER_S, SILENCE_S
@@ -315,6 +315,75 @@ def test_a_program_that_moves_the_arm_is_ended_by_stop_of_any_page_and_paused_wh
     floor.leave(floor.pages[0])
     assert floor.asked == [{"do": "release"}, {"do": "off"}, "pause"]
     assert "the program is paused" in floor.station.status["notice"]
+
+
+def test_a_program_of_two_arms_is_paused_at_both_when_either_of_them_is_left(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    floor = Floor(tmp_path, arms=2)
+    paused = ["pause", (1, "pause")]
+    pauses = lambda asked: [each for each in asked if each in paused]  # noqa: E731
+    for arm in floor.arms:
+        monkeypatch.setattr(arm.programs, "start", lambda *_: None)
+        arm.watch._tell(State(1, RobotState(**READY)))  # type: ignore[arg-type]
+    moving = floor.arms[1].programs
+
+    def take_both() -> None:
+        for arm in (0, 1):
+            floor.says(0, do="take", arm=arm)
+
+    take_both()
+    floor.says(0, **START | {"arm": 1})
+    monkeypatch.setattr(type(moving), "live", property(lambda programs: programs is moving))
+    assert pauses(floor.says(0, do="give", arm=0)) == paused[::-1]  # the arm of the program, and what it reaches
+    assert "no page drives" in floor.arms[1].status["notice"]
+    take_both()
+    assert pauses(floor.says(0, do="give", arm=1)) == paused[::-1]
+    take_both()
+    floor.says(0, do="give", arm=0)
+    monkeypatch.setattr(type(moving), "live", False)
+    floor.says(0, **START | {"arm": 1})
+    monkeypatch.setattr(type(moving), "live", property(lambda programs: programs is moving))
+    floor.says(0, do="take", arm=0)
+    assert pauses(floor.says(0, do="give", arm=0)) == []  # it does not reach that one
+    floor.says(0, do="take", arm=0)
+    monkeypatch.setattr(type(moving), "replays", True)
+    monkeypatch.setattr(moving, "end", lambda: floor.asked.append("end"))
+    floor.says(0, do="give", arm=1)
+    assert floor.asked == [(1, {"do": "release"}), (1, {"do": "off"}), "end"]
+
+
+def test_a_lease_that_has_run_out_is_taken_from_an_arm_that_is_let_go(
+    floor: Floor, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Also when the other page asks for it before the next look at it."""
+    given = [{"do": "release"}, {"do": "off"}]
+    floor.says(0, do="take", arm=0)
+    floor.now_s += SILENCE_S + 0.1
+    assert floor.says(1, do="take", arm=0) == given
+    assert floor.station.lease.holder == 2
+    monkeypatch.setattr(type(floor.station.programs), "live", True)
+    floor.now_s += SILENCE_S + 0.1
+    assert floor.says(0, do="take", arm=0) == [*given, "pause"]
+    assert floor.station.lease.holder == 1
+    floor.now_s += SILENCE_S + 0.1
+    assert floor.says(0, do="take", arm=0) == []  # its own, which it keeps
+
+
+def test_at_the_end_of_the_pendant_each_program_is_ended_before_it_waits_for_any(tmp_path: Path) -> None:
+    floor, asked = Floor(tmp_path, arms=2), []
+
+    class Run:
+        state = "running"
+        end = staticmethod(lambda: asked.append("end"))
+        wait = staticmethod(lambda _seconds: asked.append("wait"))
+
+    for arm in floor.arms:
+        arm.programs._run = arm.procedures._run = Run()  # type: ignore[assignment]
+    close_all(floor.arms)
+    ends = 2 * len(floor.arms)
+    assert asked[:ends] == ["end"] * ends
+    assert asked.count("wait") == ends
 
 
 def test_places_are_edited_by_their_numbers_renamed_and_struck_out(
