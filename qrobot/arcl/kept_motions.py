@@ -122,9 +122,11 @@ class KeptMotions:
         return self._retreat.over
 
     def note(self, q: Floats) -> None:
-        """Remember a setpoint (n,) of a motion, by which the arm may have to go back."""
+        """Remember a setpoint (n,) by which the arm may have to go back; what was before one that is not, no more."""
         if self.retract_m > 0.0:
             self._retreat.note(q)
+        else:
+            self._retreat.forget()
 
     def setpoint(self, override: float) -> Floats | None:
         """The setpoint (n,) of a sample off the path; None on it. Raises what `KeptPath.way_back` raises."""

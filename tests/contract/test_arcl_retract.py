@@ -70,6 +70,27 @@ def test_at_any_instant_the_arm_goes_back_over_the_places_that_it_came_by(fake: 
     assert np.linalg.norm(np.diff(flange, axis=0), axis=1).sum() == pytest.approx(1e-3 * LENGTH_MM, abs=0.01)
 
 
+def test_the_arm_goes_back_over_no_ground_that_it_travelled_before_going_back_was_switched_off(fake: FakeRobot) -> None:
+    rp = arcl_open(ARCL_AMI, "bridge")
+    begin = rp.joints
+    for mm, turn in ((LENGTH_MM, TURN), (0.0, np.array([20.0, 15, -10, 20, 0, 0]))):
+        arcl_retract(rp, mm)
+        move(rp, joint_pos(rp, "GOAL", (begin + turn).tolist()), MOV_TIME, 1500, 0)
+        rp.wait()
+    end = np.array(fake.path[-1])
+    arcl_retract(rp, LENGTH_MM)
+    move(rp, joint_pos(rp, "BEGIN", begin.tolist()), MOV_TIME, 1500, 0)
+    now = rp.treal
+    rp.wait(lambda: rp.treal > now + 250.0)
+    fake.halt(FaultCode.COLLISION)
+    before = len(fake.path)
+    assert told(rp) == FaultCode.COLLISION
+    back, way = np.array(fake.path[before:]), PARK - end
+    assert np.abs(back - end - np.outer((back - end) @ way / (way @ way), way)).max() < 1e-3
+    assert ((back - end) @ way).min() > -1e-3
+    assert back[-1] == pytest.approx(end, abs=2e-3)
+
+
 @pytest.mark.parametrize("why", ["another fault", "not wanted", "paused", "held by the operator", "nothing behind it"])
 def test_an_arm_stays_where_it_is_when_there_is_nothing_to_go_back_from(fake: FakeRobot, why: str) -> None:
     rp = arcl_open(ARCL_AMI, "bridge")

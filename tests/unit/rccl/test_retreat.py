@@ -66,6 +66,28 @@ def test_at_any_instant_the_arm_goes_back_over_the_places_that_it_came_by(fake: 
     assert abs(way - min(LENGTH_M, gone)) < 0.03
 
 
+def test_the_arm_goes_back_over_no_ground_that_it_travelled_before_going_back_was_switched_off(fake: FakeRobot) -> None:
+    with rccl.control("puma560") as arm:
+        arm.retract(1e3 * LENGTH_M)
+        arm.move(arm.jposition("VIA", VIA.tolist()))
+        arm.waitfor(arm.completed)
+        arm.retract(0)
+        arm.move(arm.jposition("END", END.tolist()))
+        arm.waitfor(arm.completed)
+        arm.retract(1e3 * LENGTH_M)
+        arm.move(arm.jposition("PARK", np.degrees(PARK).tolist()))
+        begin = arm.time
+        arm.waitas(lambda: arm.time > begin + 200)
+        fake.halt(FaultCode.COLLISION)
+        before = len(fake.path)
+        assert told(arm).code == FaultCode.COLLISION
+    back, way = np.array(fake.path)[before:], np.radians(END) - PARK
+    shares = (back - PARK) @ way / (way @ way)
+    assert np.abs(back - PARK - shares[:, None] * way).max() < 1e-3
+    assert shares.max() < 1.001
+    assert np.degrees(back[-1]) == pytest.approx(END, abs=0.1)
+
+
 @pytest.mark.parametrize("why", ["another fault", "no way behind it", "not wanted"])
 def test_an_arm_stays_where_it_is_when_there_is_nothing_to_go_back_from(fake: FakeRobot, why: str) -> None:
     with rccl.control("puma560") as arm:
