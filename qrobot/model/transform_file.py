@@ -46,8 +46,18 @@ class TransformFile:
         return list(self.values())
 
     def values(self) -> dict[str, Floats]:
-        """Poses by name, shape (4, 4), m, as they stand in the file. Raises ConfigError: a line cannot be read."""
-        return {name: self._value(i, line) for i, line in enumerate(self._lines()) if (name := _name(line))}
+        """Poses by name, shape (4, 4), m, as they stand in the file.
+
+        Raises:
+            ConfigError: a line cannot be read, or has the name of one before it.
+        """
+        values: dict[str, Floats] = {}
+        for i, line in enumerate(self._lines()):
+            if (name := _name(line)) in values:
+                raise ConfigError(f"{self._path}, line {i + 1}: {name!r} stands in a line before it; strike one of them")
+            if name:
+                values[name] = self._value(i, line)
+        return values
 
     def check(self) -> None:
         """Raises ConfigError when a transform could not be recorded: the file cannot be read, or not be written."""

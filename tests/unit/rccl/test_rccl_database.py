@@ -99,3 +99,12 @@ def test_of_two_programs_that_record_at_the_same_time_neither_loses_the_others(f
     assert sorted(DataBase(file).names()) == sorted(f"{name}{i}" for name in "AB" for i in range(25))
     assert [DataBase(file).get(f"A{i}").p.x for i in range(25)] == pytest.approx(range(25))
     assert [path.name for path in file.parent.iterdir() if path != file] == ["world.tr.lock"]
+
+
+def test_a_name_that_stands_there_twice_is_told_and_nothing_is_written(file) -> None:
+    file.write_text(text := "A 1 2 3 0 0 0\n# A once more\nA 4 5 6 0 0 0\n")
+    data = DataBase(file)
+    for use in (lambda: data.get("A"), lambda: data.record(newtrans("A")), lambda: data.remove("A"), data.check):
+        with pytest.raises(ConfigError, match=r"world\.tr, line 3: 'A' stands in a line before it"):
+            use()
+    assert file.read_text() == text
