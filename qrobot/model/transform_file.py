@@ -54,7 +54,7 @@ class TransformFile:
         values: dict[str, Floats] = {}
         for i, line in enumerate(self._lines()):
             if (name := _name(line)) in values:
-                raise ConfigError(f"{self._path}, line {i + 1}: {name!r} stands in a line before it; strike one of them")
+                raise ConfigError(f"{self._path}, line {i + 1}: {name!r} stands in a line before it; strike one")
             if name:
                 values[name] = self._value(i, line)
         return values

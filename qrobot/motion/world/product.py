@@ -57,6 +57,9 @@ class Product:
 
     Args:
         parts: factors, and fixed transforms of shape (4, 4), from left to right.
+
+    Raises:
+        MotionError: the value of a transform is not rigid now; that of a functional one is looked at when it is asked.
     """
 
     def __init__(self, parts: Iterable[Factor | Floats]) -> None:
@@ -89,6 +92,8 @@ class Product:
 
 def _append(parts: list[Factor | Floats], part: Factor | Floats) -> None:
     """Append a factor; what stands still as its value, multiplied with what stands still before it."""
+    if isinstance(part, Factor) and part.trsf.kind is not TransformKind.FUNCTION:
+        part.trsf.check()
     if isinstance(part, Factor) and part.trsf.kind not in _STANDS:
         parts.append(part)
         return

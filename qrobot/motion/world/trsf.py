@@ -124,9 +124,16 @@ class Trsf:
         value = np.array(value, dtype=np.float64)
         if not np.isfinite(value).all():
             raise MotionError(f"transform {self.name}: one of its numbers is not finite")
-        if not is_transform(value):
-            raise MotionError(f"transform {self.name}: not a rigid transform: {np.round(value, 6).tolist()}")
+        self._check(value)
         self.value = value
+
+    def check(self) -> None:
+        """Raise MotionError when its value, which fields may have changed one by one, is no rigid transform."""
+        self._check(self.value)
+
+    def _check(self, value: Floats) -> None:
+        if not _sound(value):
+            raise MotionError(f"transform {self.name}: not a rigid transform: {np.round(value, 6).tolist()}")
 
     def at(self, tick: int) -> Floats:
         """The value at sample `tick`. Shape (4, 4).

@@ -13,6 +13,7 @@ from qrobot.model.transform import inverse, is_transform, so3_exp, transform
 from qrobot.motion import T6, Equation, TransformKind, Trsf
 from qrobot.motion.world.drive_transform import drive, drive_parameters
 from qrobot.motion.world.trsf import rigid
+from qrobot.rccl.transforms import Transform
 
 RNG = np.random.default_rng(4)
 TICK = 7
@@ -174,6 +175,17 @@ def test_a_value_that_is_no_transform_is_refused_and_the_old_one_kept() -> None:
     with pytest.raises(MotionError, match="transform ONE: not a rigid transform"):
         one.set(np.ones((4, 4)))
     assert one.value is before
+
+
+@pytest.mark.parametrize("kind", [TransformKind.CONST, TransformKind.HOLD, TransformKind.VARB])
+def test_a_goal_of_a_transform_of_which_a_field_was_forgotten_is_refused(kind: TransformKind) -> None:
+    half = Transform("HALF", kind)
+    equation = Equation("P", [T6], [half], T6)
+    half.n.x, half.n.y = np.cos(0.7), np.sin(0.7)
+    with pytest.raises(MotionError, match="transform HALF: not a rigid transform"):
+        equation.goal()
+    half.o.x, half.o.y = -np.sin(0.7), np.cos(0.7)
+    equation.goal()
 
 
 @pytest.mark.parametrize(("kind", "function"), [(TransformKind.FUNCTION, None), (TransformKind.VARB, lambda _: None)])
