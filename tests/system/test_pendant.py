@@ -82,6 +82,21 @@ ENDS_OF_A_HELD_KEY: tuple[Callable[[Page], None], ...] = (
 )
 TOOL_COLOUR = (192, 57, 43)  # of the marker at the tool's tip
 AROUND_PX = 14
+SLOW_PICTURE = """
+const {view} = pendant, {render} = view.renderer;
+pendant.drawn = [];
+view.renderer.render = (...all) => {
+  const began = performance.now();
+  pendant.drawn.push(began);
+  while (performance.now() < began + 100);
+  render.apply(view.renderer, all);
+};
+const due = setInterval(() => (view.due = true), 5);
+pendant.quick = () => {
+  clearInterval(due);
+  view.renderer.render = render;
+};
+"""
 ELBOW, LEADING_N_M, LED_RAD, LED_S = 2, 12.0, 0.03, 1.5  # friction holds a PUMA against less
 
 
@@ -248,6 +263,7 @@ def test_an_arm_is_driven_from_one_page_and_a_page_that_stalls_or_dies_moves_it_
         page = Page(driver, pendant.address_by(relay))
         assert page.run("return location.href").startswith(f"http://127.0.0.1:{relay.port}/#")  # without the token
         the_arm_is_seen_where_its_kinematics_says(page)
+        a_picture_that_takes_long_is_drawn_less_often(page)
         the_page_knows_how_far_off_each_fence_is(page, pendant)
         every_tab_opens(page)
         the_path_ahead_of_one_that_returns_is_not_cut_short(page)
@@ -489,6 +505,13 @@ def the_arm_is_seen_where_its_kinematics_says(page: Page) -> None:
         return rows.size > 2 and bool(np.hypot(columns.mean() - x * width, rows.mean() - y * height) < AROUND_PX)
 
     wait_until(seen, "the marker is where the tool is")
+
+
+def a_picture_that_takes_long_is_drawn_less_often(page: Page) -> None:
+    """Where drawing takes 100 ms, as long a time and longer is left to what else the page has to do."""
+    page.run(SLOW_PICTURE)
+    wait_until(lambda: page.run("return pendant.drawn.length > 6"), "some pictures")
+    assert np.diff(page.run("pendant.quick(); return pendant.drawn")).min() > 250.0
 
 
 def the_page_knows_how_far_off_each_fence_is(page: Page, pendant: Pendant) -> None:

@@ -8,6 +8,7 @@ import { PathAhead } from "./path_ahead.js";
 const TRAIL = 1100; // samples, half a minute
 const LINK = 0xd9d4c7, JOINT = 0x3a5f94, GHOST = 0xe08a1e, TRACE = 0x2a9d8f, TOOL = 0xc0392b, CHOSEN = 0xf0a500, OLD = 0x9aa6b2;
 const TAP_PX = 6;
+const SLOW_MS = 40, REST = 2, MOST_REST_MS = 400; // after a picture that took longer than SLOW_MS, rest REST times as long
 const SEEN = 2e-4; // rad or m of a joint; what moves less is not drawn anew
 const SEPARATION = 1.6; // m between arms that are drawn side by side
 
@@ -197,13 +198,27 @@ export class View {
     this.onChoose = () => {};
     this.listen();
     this.due = true;
+    this.begun = null; // when a picture was drawn last, until the browser asks for the next one
+    this.next = 0;
     scenery(this.scene);
     new ResizeObserver(() => this.resize()).observe(element);
-    const draw = () => {
+    const draw = (now) => {
       requestAnimationFrame(draw);
-      if (this.due && element.offsetParent !== null) this.draw();
+      this.pace(now);
+      if (this.due && now >= this.next && element.offsetParent !== null) {
+        this.draw();
+        this.begun = now;
+      }
     };
-    draw();
+    draw(performance.now());
+  }
+
+  // After a picture that took long, as without a graphics processor, rest: what a held button has to say must not wait for pictures.
+  pace(now) {
+    if (this.begun === null) return;
+    const took = now - this.begun;
+    this.begun = null;
+    this.next = took > SLOW_MS ? now + Math.min(REST * took, MOST_REST_MS) : now;
   }
 
   setArms(all) {
