@@ -122,11 +122,8 @@ class KeptMotions:
         return self._retreat.over
 
     def note(self, q: Floats) -> None:
-        """Remember a setpoint (n,) by which the arm may have to go back; what was before one that is not, no more."""
-        if self.retract_m > 0.0:
-            self._retreat.note(q)
-        else:
-            self._retreat.forget()
+        """Remember a setpoint (n,) of a motion, by which the arm may have to go back."""
+        self._retreat.note(q, self.retract_m > 0.0)
 
     def setpoint(self, override: float) -> Floats | None:
         """The setpoint (n,) of a sample off the path; None on it. Raises what `KeptPath.way_back` raises."""

@@ -386,7 +386,7 @@ class TrajectoryTask:
             if any(event.kind is EventKind.IDLE for event in output.events):
                 self.completed.signal()
         self.motions.update_progress(output)
-        self._travelled(output.q)
+        self._retreat.note(output.q, self.retract_m > 0.0)
         if self.generated is not None:
             self.generated(output.q)
 
@@ -416,18 +416,11 @@ class TrajectoryTask:
     def _play(self, player: SetpointPlayer, how: RobotState) -> None:
         q = player.step()
         self._send(q, how)
-        self._travelled(q)
+        self._retreat.note(q, self.retract_m > 0.0)
         if player.done:
             self._player = None
             self._stand_at(q)
             self.completed.signal()
-
-    def _travelled(self, q: Floats) -> None:
-        """Remember a setpoint (n,) by which the arm may have to go back; what was before one that is not, no more."""
-        if self.retract_m > 0.0:
-            self._retreat.note(q)
-        else:
-            self._retreat.forget()
 
     def _begin_at(self, q: Floats) -> None:
         """Begin with an arm that is held at `q` (n,): anew, or with the way back to a path that was kept."""

@@ -132,9 +132,12 @@ class Retreat:
         self._length_m, self._halted = 0.0, False
         self._player: SetpointPlayer | None = None
 
-    def note(self, q: Floats) -> None:
-        """Remember a setpoint (n,) of a motion."""
-        self._travelled.note(q)
+    def note(self, q: Floats, wanted: bool) -> None:
+        """Remember a setpoint (n,) of a motion, where a way back is wanted; else forget those before it, too."""
+        if wanted:
+            self._travelled.note(q)
+        else:
+            self._travelled.forget()
 
     def forget(self) -> None:
         """The motions to come begin elsewhere."""
