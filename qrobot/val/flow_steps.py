@@ -77,8 +77,8 @@ def _call(_run: Interpreter, task: ValTask, action: tree.ProgramCall) -> None:
     task.call(action.program, action.arguments)
 
 
-def _return(run: Interpreter, task: ValTask) -> None:
-    run.end_of_program(task)
+def _return(run: Interpreter, task: ValTask) -> Waits | None:
+    return run.end_of_program(task)
 
 
 def _pause(run: Interpreter, task: ValTask) -> Waits:
@@ -87,13 +87,13 @@ def _pause(run: Interpreter, task: ValTask) -> Waits:
     run.pause(f"PAUSE in program {task.at[0]}")
 
 
-def _stop(run: Interpreter, task: ValTask) -> None:
-    run.end_of_cycle(task)
+def _stop(run: Interpreter, task: ValTask) -> Waits:
+    return run.end_of_cycle(task)
 
 
-def _halt(run: Interpreter, task: ValTask) -> None:
+def _halt(run: Interpreter, task: ValTask) -> Waits:
     task.cycles = 1
-    run.end_of_cycle(task)
+    return run.end_of_cycle(task)
 
 
 def _react(run: Interpreter, task: ValTask, action: tree.Reaction) -> None:

@@ -198,17 +198,22 @@ class Interpreter:
         """Stop between steps; `proceed` goes on."""
         self.state, self.message = RunState.PAUSED, why
 
-    def end_of_program(self, task: ValTask) -> None:
+    def end_of_program(self, task: ValTask) -> Waits | None:
         """RETURN, or the last line: back to the caller, or the end of a cycle."""
+        if len(task.frames) == 1:
+            return self.end_of_cycle(task)
         task.return_()
-        if not task.frames:
-            self._next_cycle(task)
+        return None
 
-    def end_of_cycle(self, task: ValTask) -> None:
-        """STOP: leave all calls."""
+    def end_of_cycle(self, task: ValTask) -> Waits:
+        """STOP: leave all calls. The last cycle ends when the arm stands: until then its reactions count."""
+        if task.moves and task.cycles == 1:
+            yield lambda: self.machine.arm.idle
         while task.frames:
             task.return_()
-        self._next_cycle(task)
+        if task.cycles != 1:
+            task.cycles -= task.cycles > 0
+            task.call(task.name, ())
 
     def set_run_signal(self, number: int) -> None:
         """RUNSIG: on while the program runs; 0 for none."""
@@ -217,12 +222,6 @@ class Interpreter:
         elif self._run_signal:
             self.machine.set_signal(-self._run_signal)
         self._run_signal = number
-
-    def _next_cycle(self, task: ValTask) -> None:
-        task.doing = task.until = None
-        if task.cycles != 1:
-            task.cycles -= task.cycles > 0
-            task.call(task.name, ())
 
     # -------------------------------------------------------------------------------------------------------- running
 
@@ -344,8 +343,11 @@ class Interpreter:
     def _go_on(self, task: ValTask) -> None:
         for _ in range(STEPS_PER_SAMPLE):
             self._react(task)
+            waited = task.doing is not None
             if self.state is not RunState.RUNNING or not self._ready(task):
                 return
+            if waited:  # REACT comes between steps
+                continue
             if not task.frames:
                 return
             if task is self.task and self._single_is_done(task):
@@ -367,7 +369,7 @@ class Interpreter:
     def _step(self, task: ValTask) -> None:
         frame = task.frame_now
         if frame.pc >= len(frame.program.lines):
-            self.end_of_program(task)
+            task.doing = self.end_of_program(task) or task.doing  # that of a step which has been interrupted
             return
         line = frame.program.lines[frame.pc]
         task.at, task.last = (frame.program.name, line.line, line.column), (frame, frame.pc)
@@ -375,14 +377,17 @@ class Interpreter:
         if self.machine.switches["TRACE"]:
             self.machine.say(f"{frame.program.name} {frame.pc}: {print_line(line)}")
         if line.action is not None:
-            task.doing = do_step(self, task, line.action)
+            task.doing = do_step(self, task, line.action) or task.doing
             if self._single and task is self.task:
                 self._single_begun = True
 
     def _single_is_done(self, task: ValTask) -> bool:
-        """Pause when NEXT has done its one step; lines that do nothing are none."""
+        """Pause when NEXT has done its one step, and the arm stands; lines that do nothing are none."""
         if not (self._single and self._single_begun):
             return False
+        if not self.machine.arm.idle:  # reactions count until its motion has ended
+            task.doing = iter((lambda: self.machine.arm.idle,))
+            return True
         self._single_begun = False
         self.pause(f"at step {task.frame_now.pc + 1} of program {task.frame_now.program.name}")
         return True

@@ -90,7 +90,8 @@ def _written(value: float, form: str) -> str:
     return f" {value:.6g}"  # V+'s default begins with a blank (recalled)
 
 
-def _prompt(run: Interpreter, task: ValTask, action: tree.PromptFor) -> None:
+def _prompt(run: Interpreter, task: ValTask, action: tree.PromptFor) -> Waits:
+    yield lambda: run.machine.arm.idle  # no signal is looked for while somebody is asked
     try:
         answer = run.machine.ask(action.text).strip()
     except KeyboardInterrupt:

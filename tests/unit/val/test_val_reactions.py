@@ -1,0 +1,117 @@
+"""Reactions of VAL while the arm moves: in the last motion, before a question, between steps that wait."""
+
+from __future__ import annotations
+
+import pytest
+
+from qrobot.val.interpreter import Interpreter, RunState
+from tests.support.val_runs import interpreter, main_program
+
+PLACES = """
+.LOCATIONS
+a 450 150 0 90 90 0
+b 450 -150 0 90 90 0
+.END
+"""
+NEAR_B = "\n.PROGRAM p\nWAIT DISTANCE(HERE, b) < 200\nSIGNAL 2001\n.END\n"
+SOON = "\n.PROGRAM p\nWAIT TIMER(1) > 0.2\nSIGNAL 2001\n.END\n"
+WHERE = ".PROGRAM r\nwhere = DY(HERE)\n.END\n"
+TO_B = "TIMER 1 = 0", "PCEXECUTE p", "MOVE a", "SPEED 20", "MOVES b"
+
+
+def _number(run: Interpreter, name: str) -> float:
+    value = run.machine.values[name, ()]
+    assert isinstance(value, float)
+    return value
+
+
+@pytest.mark.parametrize(
+    ("end", "rest", "library"),
+    [
+        ((), "", "rccl"),
+        ((), "", "arcl"),
+        (("RETURN", "TYPE"), "", "rccl"),
+        (("STOP", "TYPE"), "", "rccl"),
+        (("HALT", "TYPE"), "", "rccl"),
+        (("CALL ends", "TYPE"), ".PROGRAM ends\nHALT\nTYPE\n.END\n", "arcl"),
+    ],
+)
+def test_a_signal_stops_the_arm_in_the_last_motion_too(end: tuple[str, ...], rest: str, library: str) -> None:
+    program = main_program("REACTI 2001, r, 5", *TO_B, *end, rest=rest + WHERE + NEAR_B + PLACES)
+    with interpreter(program, library=library) as (run, typed):
+        assert run.execute("main") is RunState.COMPLETED, run.message
+        assert typed == []
+        assert 0.0 < _number(run, "where") < 50.0  # mm; the signal came at 50
+        assert run.machine.frame("here")[1, 3] > 0.0
+
+
+def test_a_signal_in_the_motion_of_the_last_cycle_counts_and_cycles_are_joined() -> None:
+    """The last motion of the first cycle goes on into the first one of the second."""
+    text = main_program("REACTI 2001, r, 5", "MOVE a", "SPEED 20", "MOVES b", rest=WHERE + PLACES)
+    with interpreter(text) as (run, _):
+        arm, rests = run.machine.arm, 0
+        sample = arm.sample
+
+        def look() -> None:
+            nonlocal rests
+            sample()
+            rests += arm.idle
+
+        arm.sample = look  # type: ignore[method-assign]
+        assert run.execute("main", cycles=2) is RunState.COMPLETED
+        assert rests == 1
+
+
+def test_a_lock_holds_a_reaction_back_in_the_last_motion_too() -> None:
+    with interpreter(main_program("REACTI 2001, r, 5", "LOCK 5", *TO_B, rest=WHERE + NEAR_B + PLACES)) as (run, _):
+        assert run.execute("main") is RunState.COMPLETED
+        assert run.machine.frame("here")[1, 3] == pytest.approx(-0.15, abs=1e-6)
+        assert ("where", ()) not in run.machine.values
+
+
+@pytest.mark.parametrize("beside", [False, True])
+def test_a_question_is_asked_when_the_arm_stands_so_a_signal_stops_it_before(beside: bool) -> None:
+    question = ["PCEXECUTE q"] if beside else ['PROMPT "n", x']
+    q = '\n.PROGRAM q\nPROMPT "n", x\n.END\n'
+    lines = "REACTI 2001, r", *TO_B, *question, "BREAK", "y = DY(HERE)"
+    with interpreter(main_program(*lines, rest=q + WHERE + NEAR_B + PLACES), "7") as (run, typed):
+        stood = []
+
+        def ask(text: str) -> str:
+            stood.append(run.machine.arm.idle)
+            return typed.ask(text)
+
+        run.machine.ask = ask
+        assert run.execute("main") is RunState.COMPLETED, run.message
+        assert stood == [True]
+        assert _number(run, "x") == 7.0
+        assert 0.0 < _number(run, "where") < 50.0
+        assert _number(run, "y") == pytest.approx(_number(run, "where"), abs=0.1)
+
+
+def test_a_reaction_between_steps_is_called_between_steps_that_wait() -> None:
+    """The signal comes on the way to `a`; the arm is there when the program is called."""
+    lines = "REACT 2001, r", "TIMER 1 = 0", "PCEXECUTE p", "MOVE a", "BREAK", "MOVES b", "BREAK", "MOVES a", "BREAK"
+    with interpreter(main_program(*lines, rest=WHERE + SOON + PLACES)) as (run, _):
+        assert run.execute("main") is RunState.COMPLETED
+        assert _number(run, "where") == pytest.approx(150.0, abs=1e-3)
+
+
+@pytest.mark.parametrize("handler", ["", "RETURN\n"])
+def test_a_step_goes_on_waiting_behind_a_reaction(handler: str) -> None:
+    lines = "REACTI 2001, r", "TIMER 1 = 0", "PCEXECUTE p", "DELAY 3", "x = TIMER(1)"
+    with interpreter(main_program(*lines, rest=f".PROGRAM r\n{handler}.END\n" + SOON)) as (run, _):
+        assert run.execute("main") is RunState.COMPLETED
+        assert _number(run, "x") >= 3.0
+
+
+def test_a_signal_stops_the_motion_of_a_single_step() -> None:
+    with interpreter(main_program("REACTI 2001, r, 5", *TO_B, "x = 1", rest=WHERE + NEAR_B + PLACES)) as (run, _):
+        told = [run.message] if run.execute("main", single=True) is RunState.PAUSED else []
+        while run.state is RunState.PAUSED:
+            run.proceed(single=True)
+            told.append(run.message)
+        assert run.state is RunState.COMPLETED
+        assert "at step 1 of program r" in told
+        assert 0.0 < _number(run, "where") < 50.0
+        assert run.machine.frame("here")[1, 3] > 0.0
