@@ -69,7 +69,6 @@ class Interpreter:
         self.task: ValTask | None = None
         self.beside: list[ValTask] = []
         self._unfinished: list[Destination] = []
-        self._run_signal = 0
         self._single = self._single_begun = False
         self._failed: ValTask | None = None  # whose step it was that failed
 
@@ -215,14 +214,6 @@ class Interpreter:
             task.cycles -= task.cycles > 0
             task.call(task.name, ())
 
-    def set_run_signal(self, number: int) -> None:
-        """RUNSIG: on while the program runs; 0 for none."""
-        if number:
-            self.machine.set_signal(number)
-        elif self._run_signal:
-            self.machine.set_signal(-self._run_signal)
-        self._run_signal = number
-
     # -------------------------------------------------------------------------------------------------------- running
 
     def _need_task(self) -> ValTask:
@@ -272,6 +263,7 @@ class Interpreter:
         self.state, self.message, self.error = RunState.RUNNING, "", None
         self._single, self._single_begun = single, False
         try:
+            self._show_running(True)
             while self.state is RunState.RUNNING:
                 self._turn()
                 if self.state is RunState.RUNNING:
@@ -281,9 +273,15 @@ class Interpreter:
         except (KeyboardInterrupt, LinkError, ServoFault):
             self._interrupted()
             raise
-        if self._run_signal:
-            self.machine.set_signal(-self._run_signal)
+        finally:
+            with suppress(QRobotError):  # the arm is lost: that is told already, or by the next command
+                self._show_running(False)
         return self.state
+
+    def _show_running(self, on: bool) -> None:
+        """Switch the signals that RUNSIG has named."""
+        for task in filter(None, (self.task, *self.beside)):
+            task.show_running(on)
 
     def _interrupted(self) -> None:
         """Ctrl-C is the panic button: the arm comes to rest, and PROCEED takes up the motion."""
@@ -327,6 +325,7 @@ class Interpreter:
             self._attempt(task)
             if task.over:
                 self.beside.remove(task)
+                task.show_running(False)
         if self.task is not None and self.state is RunState.RUNNING:
             self._attempt(self.task)
             if self.task.over and self.machine.arm.idle and self.state is RunState.RUNNING:

@@ -95,6 +95,7 @@ class ValTask:
         self.watches: dict[int, Watch] = {}
         self.seen: dict[int, bool] = {}
         self.on_error = ""
+        self._run_signal = 0
         self._calls = 0
         self.call(program, ())
         if not 0 <= step <= len(self.frames[0].program.lines):
@@ -110,6 +111,19 @@ class ValTask:
     def frame_now(self) -> CallFrame:
         """The innermost call."""
         return self.frames[-1]
+
+    def set_run_signal(self, number: int) -> None:
+        """RUNSIG: on while the program runs; 0 for none. Raises as `Machine.set_signal`: then it is the one before."""
+        if number:
+            self.machine.set_signal(number)
+        if self._run_signal != number:
+            self.show_running(False)
+        self._run_signal = number
+
+    def show_running(self, on: bool) -> None:
+        """Switch the signal that RUNSIG has named, when the program begins to run, and when it does no more."""
+        if self._run_signal:
+            self.machine.set_signal(self._run_signal if on else -self._run_signal)
 
     # ------------------------------------------------------------------------------------------------------- calling
 

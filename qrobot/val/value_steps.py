@@ -55,8 +55,8 @@ def _reset(run: Interpreter, _task: ValTask) -> None:
     run.machine.reset_signals()
 
 
-def _runsig(run: Interpreter, task: ValTask, number: tree.Expression | None = None) -> None:
-    run.set_run_signal(0 if number is None else whole_number_of(number, task))
+def _runsig(_run: Interpreter, task: ValTask, number: tree.Expression | None = None) -> None:
+    task.set_run_signal(0 if number is None else whole_number_of(number, task))
 
 
 def _wait(_run: Interpreter, task: ValTask, condition: tree.Expression) -> Waits:

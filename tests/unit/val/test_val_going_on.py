@@ -167,3 +167,38 @@ def test_motions_that_could_not_be_gone_on_with_are_kept_for_the_next_proceed() 
         assert run.proceed() is RunState.COMPLETED, run.message
         assert gone == ["a", "a", "b", "a"]
         assert run.machine.values["x", ()] == 1.0
+
+
+def test_the_signal_of_a_running_program_is_on_while_it_runs_and_at_no_other_time() -> None:
+    """It goes off at PAUSE and at Ctrl-C, on with PROCEED, and is nobody's when the program has ended."""
+    lines = "RUNSIG 1", "RUNSIG 2", "PAUSE", "x = SIG(2, -1)", "MOVE a", "MOVES b", "BREAK", "y = SIG(2)"
+    with interpreter(main_program(*lines, rest=PLACES)) as (run, _):
+        assert run.execute("main") is RunState.PAUSED
+        assert run.machine.arm.outputs == 0
+        run.do("z = SIG(2)")
+        _interrupt_at(run, 8)
+        with pytest.raises(KeyboardInterrupt):
+            run.proceed()
+        assert run.machine.arm.outputs == 0
+        assert run.proceed() is RunState.COMPLETED
+        assert [run.machine.values[name, ()] for name in ("x", "y", "z")] == [-1.0, -1.0, 0.0]
+        run.do("SIGNAL 2")
+        run.do("SIGNAL 1")
+        assert run.machine.arm.outputs == 3
+
+
+def test_a_signal_of_running_that_there_is_not_leaves_the_one_before() -> None:
+    with interpreter(main_program("RUNSIG 2", "RUNSIG 99", "x = SIG(2)", "RUNSIG", "y = SIG(2)")) as (run, _):
+        assert run.execute("main") is RunState.FAILED
+        assert run.machine.arm.outputs == 0
+        assert run.proceed() is RunState.COMPLETED
+        assert [run.machine.values[name, ()] for name in ("x", "y")] == [-1.0, 0.0]
+
+
+def test_a_program_beside_has_its_own_signal_of_running() -> None:
+    p = ".PROGRAM p\nRUNSIG 3\nWAIT SIG(2001)\n.END\n"
+    lines = "RUNSIG 2", "PCEXECUTE p", "WAIT SIG(3)", "SIGNAL 2001", "WAIT SIG(-3)", "x = SIG(2)"
+    with interpreter(main_program(*lines, rest=p)) as (run, _):
+        assert run.execute("main") is RunState.COMPLETED
+        assert run.machine.values["x", ()] == -1.0
+        assert run.machine.arm.outputs == 0
