@@ -78,10 +78,9 @@ class HeardLink:
         """See `Link.tell`."""
         self._link.tell(packet)
 
-    @property
-    def refusal(self) -> str:
+    def refusal(self, kind: type[Beside]) -> str:
         """See `Link.refusal`."""
-        return self._link.refusal
+        return self._link.refusal(kind)
 
     def now_ns(self) -> int:
         """See `Link.now_ns`."""

@@ -11,6 +11,7 @@ from qrobot.arrays import Floats
 from qrobot.config.robot import Robot
 from qrobot.config.toml_text import toml_lines
 from qrobot.errors import ConfigError
+from qrobot.printable import printable
 from qrobot.units import DEG_PER_RAD
 from qrobot.whole_file import replace_file
 
@@ -60,7 +61,8 @@ def write_robot(path: Path, document: Document) -> None:
 
 def robot_text(document: Document) -> str:
     """A robot file of a document."""
-    about = f"# {document.get('about') or document['name']}\n#\n{_UNITS}\n"
+    told = (document.get("about") or document["name"]).splitlines()
+    about = "".join(f"# {printable(line)}\n" for line in told) + f"#\n{_UNITS}\n"
     heads = toml_lines({key: value for key, value in document.items() if not isinstance(value, dict)})
     tables = [_table_text(name, document[name]) for name in _ORDER if name in document]
     return "\n".join([about, heads, *tables])

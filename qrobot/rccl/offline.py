@@ -123,7 +123,6 @@ class OfflineLink:
 
     def tell(self, packet: Beside) -> None:
         """Carry a payload, unless the arm could not; the rest has no one to hear it."""
-        self._refusal = ""
         if isinstance(packet, Payload):
             self._refusal = self._payloads.objection(packet)
             if not self._refusal:
@@ -135,10 +134,9 @@ class OfflineLink:
     def _payloads(self) -> PayloadJudge:
         return PayloadJudge(self._robot)
 
-    @property
-    def refusal(self) -> str:
+    def refusal(self, kind: type[Beside]) -> str:
         """See `Link.refusal`."""
-        return self._refusal
+        return self._refusal if kind is Payload else ""
 
     def now_ns(self) -> int:
         """Virtual time of the newest sample."""

@@ -120,7 +120,7 @@ class Session:
         self._heard_ns = now_ns
         self._blocked_since_ns: int | None = None
         self._servo_gone = False
-        self._warnings, self._stops, self._changes = RateLimit(), RateLimit(), RateLimit()
+        self._warnings, self._stops = RateLimit(), RateLimit()
         self._judge_payload, self._judge_collision = judge_payload, judge_collision
         self._judge_analog = judge_analog
         self._minds_collisions = False  # in its own way, until it leaves
@@ -293,8 +293,8 @@ class Session:
         return [TakeAnalog(change)]
 
     def _object(self, code: ErrorCode, refusal: str, now_ns: int) -> list[Action]:
-        """Answer what cannot be; of a flood, some."""
-        if not self._changes.allows(now_ns):
+        """Answer what cannot be, each time, unless the client does not read."""
+        if self._blocked_since_ns is not None:
             return []
         text = "the servo is away" if self._servo_gone else refusal
         return [SendBytes(self._connection.send(WireError(code, text, False, now_ns)))]

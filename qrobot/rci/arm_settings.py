@@ -11,6 +11,8 @@ from qrobot.rci.link import Link
 from qrobot.wire import AnalogOutputs, Collision, Payload, RobotState
 
 HEARD: Final = 3  # [A] samples in which an answer of the bridge comes
+CARRIED_NS: Final = 500_000_000  # in which a servo goes over to a payload (`servo.stages.payload`)
+ANSWER_NS: Final = 3_000_000_000  # [A] in which a payload that was heard is carried, whatever else the servo does
 
 
 class ArmSettings:
@@ -42,13 +44,15 @@ class ArmSettings:
         """Have the servo take a setting, and wait until it does: a payload is carried in half a second.
 
         Raises:
-            MotionError: it is refused; nothing has changed then.
+            MotionError: it is refused; nothing has changed then. Or nobody answers.
         """
+        kind = type(packet)
         with self._lock():
+            before = self._how()
             self._link().tell(packet)
             heard = self._samples() + HEARD
-        self._wait(lambda: bool(self._link().refusal) or self._in_force(packet, heard))
-        if refusal := self._link().refusal:
+        self._wait(lambda: bool(self._link().refusal(kind)) or self._in_force(packet, heard, before))
+        if refusal := self._link().refusal(kind):
             cannot = " cannot carry that" if isinstance(packet, Payload) else ""
             raise MotionError(f"{self._name}{cannot}: {refusal}")
         if isinstance(packet, Collision):
@@ -59,7 +63,17 @@ class ArmSettings:
         if self._collision is not None:
             self._link().tell(self._collision)
 
-    def _in_force(self, packet: Payload | Collision | AnalogOutputs, heard: int) -> bool:
-        if isinstance(packet, Payload):
-            return (how := self._how()) is not None and how.payload_mass == packet.mass
-        return self._samples() >= heard
+    def _in_force(self, packet: Payload | Collision | AnalogOutputs, heard: int, before: RobotState | None) -> bool:
+        """Whether the servo goes by it, `before` being how the robot was; a payload of the same mass shows by nothing.
+
+        Raises MotionError: there is no answer.
+        """
+        how = self._how()
+        if not isinstance(packet, Payload) or how is None or before is None:
+            return self._samples() >= heard
+        passed_ns = how.t_ns - before.t_ns
+        if how.payload_mass == packet.mass:
+            return before.payload_mass != packet.mass or passed_ns >= CARRIED_NS
+        if passed_ns > ANSWER_NS:
+            raise MotionError(f"{self._name} has not answered: it carries {how.payload_mass:g} kg still")
+        return False

@@ -30,10 +30,14 @@ _REFUSALS: Final[dict[int, type[LinkError]]] = {
     ErrorCode.TIMEOUT: LinkTimeout,
 }
 
-_REFUSED: Final = (ErrorCode.PAYLOAD_REFUSED, ErrorCode.COLLISION_REFUSED, ErrorCode.ANALOG_REFUSED)
-
 Beside: TypeAlias = Stop | Signals | Payload | Collision | AnalogOutputs
 """Packets that a client sends beside the sample periods."""
+
+_REFUSED: Final[dict[int, type[Beside]]] = {
+    ErrorCode.PAYLOAD_REFUSED: Payload,
+    ErrorCode.COLLISION_REFUSED: Collision,
+    ErrorCode.ANALOG_REFUSED: AnalogOutputs,
+}
 
 
 class Client:
@@ -42,12 +46,13 @@ class Client:
     Attributes:
         peer: the server, for people.
         warning: newest complaint of the server that did not end the conversation, "" when there was none.
-        refusal: reason for which what was told last, payload, collision or outputs, was refused; "" when it was not.
+        refusals: reasons for which what was told last of a kind, payload, collision or outputs, was refused.
     """
 
     def __init__(self, hello: Hello, peer: str) -> None:
         self.peer = peer
-        self.warning = self.refusal = ""
+        self.warning = ""
+        self.refusals: dict[type[Beside], str] = {}
         self._told = deque[Beside]()
         self._hello = hello
         self._connection = Connection(Side.CLIENT)
@@ -61,8 +66,7 @@ class Client:
 
     def tell(self, packet: Beside) -> None:
         """Have a packet sent with the next `say`. May be called from any thread."""
-        if isinstance(packet, Payload | Collision | AnalogOutputs):
-            self.refusal = ""
+        self.refusals.pop(type(packet), None)
         self._told.append(packet)
 
     def say(self, command: Command | None) -> bytes:
@@ -130,7 +134,7 @@ class Client:
 
     def _warn(self, complaint: WireError) -> None:
         self.warning = complaint.text
-        if complaint.code in _REFUSED:
-            self.refusal = complaint.text
+        if (kind := _REFUSED.get(complaint.code)) is not None:
+            self.refusals[kind] = complaint.text
         if complaint.code == ErrorCode.SERVO_GONE and self._hello.in_step and self._sampled:
             raise LinkTimeout(f"{self.peer} says: {complaint.text}")

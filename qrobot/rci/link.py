@@ -45,9 +45,8 @@ class Link(Protocol):
     def tell(self, packet: Beside) -> None:
         """Send a packet with the next `exchange`. May be called from any thread."""
 
-    @property
-    def refusal(self) -> str:
-        """Reason for which what was told last was refused, "" when it was not, or no answer has come yet."""
+    def refusal(self, kind: type[Beside]) -> str:
+        """Reason why what was told last of that kind was refused, "" when it was not, or no answer has come yet."""
 
     def now_ns(self) -> int:
         """This end's clock."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import socket
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import replace
 from typing import Final, TypeVar
@@ -149,9 +149,13 @@ class TcpLink:
         self._client.tell(packet)
 
     @property
-    def refusal(self) -> str:
+    def refusals(self) -> Mapping[type[Beside], str]:
+        """Reasons that `refusal` gives, by kind."""
+        return self._client.refusals
+
+    def refusal(self, kind: type[Beside]) -> str:
         """See `Link.refusal`."""
-        return self._client.refusal
+        return self._client.refusals.get(kind, "")
 
     def fileno(self) -> int:
         """Descriptor of the socket, which becomes readable when a STATE comes. Raises LinkLost: it is closed."""

@@ -51,10 +51,9 @@ class VirtualLink:
         """Send a packet with the next `exchange`; see `Link.tell`."""
         self._client.tell(packet)
 
-    @property
-    def refusal(self) -> str:
+    def refusal(self, kind: type[Beside]) -> str:
         """See `Link.refusal`."""
-        return self._client.refusal
+        return self._client.refusals.get(kind, "")
 
     def now_ns(self) -> int:
         """Virtual time of the newest packet."""

@@ -622,7 +622,10 @@ def test_a_payload_is_taken_or_refused_with_the_reason(port: FakePort, lease: Le
     assert (refusal.code, refusal.fatal) == (ErrorCode.PAYLOAD_REFUSED, False)
     assert "no load for this arm" in refusal.text
     answers = [client.say(Payload(9.0)) for _ in range(25)]
-    assert sum(map(len, answers)) == 9
+    assert all(len(answer) == 1 for answer in answers)
+    client.session.block(client.now_ns)
+    assert client.say(Payload(9.0)) == []  # it does not read
+    client.session.unblock()
     port.running = False
     client.wait(PERIOD_NS)
     client.wait(1_000_000_000)

@@ -39,6 +39,7 @@ from qrobot.arcl import (
     arcl_close,
     arcl_errproc,
     arcl_open,
+    arcl_setload,
     arcl_wait,
     gripper,
     iod_read,
@@ -271,7 +272,10 @@ def test_lines_and_channels_reach_the_board_and_come_from_it_by_number_and_by_na
         power, fan = named_iod(rp, "power"), named_iod(rp, "fan")
         assert np.isnan(iod_value(power))
         iod_set_value(power, 50.0)
-        iod_set_value(fan, -3.0)
+        iod_set_value(fan, 0.0)
+        with pytest.raises(MotionError, match="cannot carry that"):
+            arcl_setload(rp, 9.0)
+        iod_set_value(fan, -3.0)  # another thing than what was refused
         pass_ms(300.0, rp)
         assert fans_and_power(rig) == pytest.approx((-3.0, 2.5), abs=0.003)
         assert (iod_value(power), iod_value(fan)) == (50.0, -3.0)

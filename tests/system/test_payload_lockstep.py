@@ -56,5 +56,11 @@ def test_a_load_that_the_arm_cannot_carry_reaches_the_program_as_an_error() -> N
             with pytest.raises(MotionError, match=why):
                 arm.setload(kg, centre)
         assert arm.how.payload_mass == 1.0
+        for k in range(15):  # also of a mass that is carried already, and as often as one likes
+            with pytest.raises(MotionError, match="too far from the flange"):
+                arm.setload(1.0 + k % 2, (0.0, 0.0, 2500.0))
+        began = arm.time
+        arm.setload(1.0, (0.0, 0.0, 60.0))
+        assert arm.time - began >= 500.0  # ms, in which the servo goes over to it
         arm.setload(0)
     assert rig.mailbox.snapshot().payload_mass == 0.0

@@ -33,7 +33,7 @@ from qrobot.rci.sample_drivers import driver_for
 from qrobot.rci.sampled_task import SampleDriver
 from qrobot.realtime.interpreter import prepare_interpreter
 from qrobot.units import NS_PER_MS
-from qrobot.wire import Collision, Command, Payload, RobotState, State, Welcome
+from qrobot.wire import AnalogOutputs, Collision, Command, Payload, RobotState, State, Welcome
 from qrobot.wire.packets import analog_output
 from qrobot.wire.vocabulary import Hand
 
@@ -177,7 +177,7 @@ class BridgeMachine:
 
     def write_analog(self, output: int, volts: float) -> None:
         """See `RobotMachine.write_analog`."""
-        if self._analog_told and (refusal := self._link.refusal):
+        if self._analog_told and (refusal := self._link.refusal(AnalogOutputs)):
             self._analog_told = False
             raise MotionError(f"{self._settings.robot.name} has refused an analogue output: {refusal}")
         self._link.tell(analog_output(output, volts))

@@ -184,7 +184,7 @@ class GeneratorHost:
         seen = Seen(
             task.tick, task.how, tuple(task.td.words[:TOLD_WORDS].tolist()), task.follows_setpoints, task.left,
             task.eventful, task.completed.count, "" if task.kept is None else str(task.kept), task.off_path,
-            task.force.exerted, self.link.refusal, task.chg.hand, task.chg.outputs,
+            task.force.exerted, dict(self.link.refusals), task.chg.hand, task.chg.outputs,
         )  # fmt: skip
         try:
             generator = task.generator

@@ -7,7 +7,7 @@ import socket
 import subprocess
 import sys
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from multiprocessing.connection import Connection
 from typing import Any, Final
@@ -16,6 +16,7 @@ from qrobot.errors import LinkLost
 from qrobot.rccl.process.carried import ProgramEnd
 from qrobot.rccl.process.reports import GeneratorReport, OrderAnswer
 from qrobot.rccl.process.shared_values import PROGRAM, ValueCells, warm_up
+from qrobot.rci.client import Beside
 from qrobot.realtime.shared_memory import SharedMemory
 
 END_S: Final = 10.0  # [A] for an arm to come to rest
@@ -34,7 +35,7 @@ class GeneratorProcess:
         error: what has ended the task, or the process, before its time.
         heard: called with each report, with the lock held.
         ended: called with what has ended the task, with the lock held.
-        refusal: of the link, as it was reported last.
+        refusals: of the link by kind, as they were reported last.
     """
 
     def __init__(self, claim: SharedMemory | None = None) -> None:
@@ -49,7 +50,7 @@ class GeneratorProcess:
         self._orders = 0
         self._closed = self._ended = False
         self._claim = claim
-        self.refusal = ""
+        self.refusals: Mapping[type[Beside], str] = {}
         ours, theirs = socket.socketpair()
         with theirs:
             command = [sys.executable, "-m", "qrobot.rccl.process", str(theirs.fileno()), str(values.fd)]
@@ -112,7 +113,7 @@ class GeneratorProcess:
     def _take(self, report: GeneratorReport) -> None:
         self.heard(report)
         if report.seen is not None:
-            self.refusal = report.seen.refusal
+            self.refusals = report.seen.refusals
         if report.error is not None:
             self.fail(report.error)
         self._answers.update({answer.order: answer for answer in report.answers if answer.order})

@@ -123,10 +123,9 @@ class RemoteLink:
         """See `Link.tell`."""
         self._process.ask("tell", packet)
 
-    @property
-    def refusal(self) -> str:
+    def refusal(self, kind: type[Beside]) -> str:
         """See `Link.refusal`."""
-        return self._process.refusal
+        return self._process.refusals.get(kind, "")
 
     def now_ns(self) -> int:
         """See `Link.now_ns`."""

@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 from qrobot.arrays import Floats
 from qrobot.motion import EventKind, Exerted
+from qrobot.rci.client import Beside
 from qrobot.wire import RobotState
 
 
@@ -22,7 +23,7 @@ class Seen:
 
     Attributes:
         kept: the reason in words, empty for none.
-        refusal: as of the link.
+        refusals: as of the link, by kind.
         words: the first ones of its descriptor.
     """
 
@@ -36,7 +37,7 @@ class Seen:
     kept: str
     off_path: bool
     exerted: Exerted | None
-    refusal: str
+    refusals: dict[type[Beside], str]
     hand: int
     outputs: int
     waiting: int = 0

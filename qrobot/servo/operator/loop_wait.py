@@ -14,9 +14,9 @@ _POLL_S: Final = 0.002
 _EDGE_TICKS: Final = 2  # then the servo has looked
 
 
-def await_loop(condition: Callable[[], bool]) -> None:
-    """Wait for what the loop does. Raises LinkTimeout when it does not run."""
-    patience = Deadline(LOOP_PATIENCE_S)
+def await_loop(condition: Callable[[], bool], seconds: float = 0.0) -> None:
+    """Wait for what the loop does, which takes so many seconds. Raises LinkTimeout when it does not run."""
+    patience = Deadline(LOOP_PATIENCE_S + seconds)
     while not condition():
         if patience.passed:
             raise LinkTimeout("the servo's loop does not run: if the arm is not at rest, use the emergency stop")

@@ -11,8 +11,10 @@ from qrobot.errors import ConfigError, QRobotError
 from qrobot.model.payload_judge import PayloadJudge
 from qrobot.servo.memory.mailbox import ServoMailbox
 from qrobot.servo.operator.messages import ChangeCollision, ChangeOverride, ChangePayload, PauseRequest, ResumeRequest
+from qrobot.units import NS_PER_S
 from qrobot.wire import CollisionReaction, Payload
 
+CARRIED_S: Final = 0.5  # in which a servo goes over to a payload (`servo.stages.payload`)
 REACTIONS: Final = tuple(reaction.name.lower() for reaction in CollisionReaction)
 
 
@@ -33,10 +35,18 @@ def set_payload(
     payload = Payload(request.mass, request.centre, request.inertia)
     if objection := judge.objection(payload):
         raise QRobotError(objection)
+    before = mailbox.snapshot()
     mailbox.request_payload(payload)
     x, y, z = payload.centre
     say(f"payload {payload.mass:g} kg at {x:g}, {y:g}, {z:g} m from the flange")
-    return lambda: mailbox.snapshot().payload_mass == payload.mass
+
+    def in_force() -> bool:
+        """A payload of the same mass shows by nothing: it is in force when its time has passed."""
+        now = mailbox.snapshot()
+        waited = before.payload_mass != payload.mass or now.t_ns - before.t_ns > CARRIED_S * NS_PER_S
+        return bool(now.payload_mass == payload.mass and waited)
+
+    return in_force
 
 
 def set_collision(mailbox: ServoMailbox, request: ChangeCollision, robot: Robot) -> str:

@@ -47,7 +47,7 @@ from qrobot.servo.operator.messages import (
     decode_request,
     encode,
 )
-from qrobot.servo.operator.motion_requests import set_collision, set_payload, set_speed
+from qrobot.servo.operator.motion_requests import CARRIED_S, set_collision, set_payload, set_speed
 from qrobot.servo.operator.sockets import OperatorConnection
 from qrobot.servo.operator.status import guardian_acts, servo_status
 
@@ -179,7 +179,7 @@ class Controls:
                 self._zero_force()
             case ChangePayload():
                 in_force = set_payload(self._servo.mailbox, request, self._judge, self._servo.say)
-                await_loop(lambda: in_force() or self._guardian_acts)
+                await_loop(lambda: in_force() or self._guardian_acts, CARRIED_S)
             case ChangeLaw() | ChangeGains() if self._servo.settings.position_drives:
                 raise QRobotError(f"drives close the position loop of {self._servo.arm}: it has no law and no gains")
             case ChangeLaw():

@@ -237,6 +237,15 @@ def test_collisions_can_be_told_sooner_and_never_later_without_authority(servo: 
     assert status.collision_reaction == "stop"
 
 
+def test_a_payload_is_in_force_when_that_is_answered_also_one_of_the_same_mass(
+    servo: Bench, client: ServoClient
+) -> None:
+    for height_m in (0.1, 0.2):
+        assert client.change_payload(1.0, (0.0, 0.0, height_m)).payload_mass == 1.0
+        assert servo.bench.state.payload_left_s == 0.0
+    client.change_payload(0.0)
+
+
 def test_a_change_is_in_the_journal_with_the_cycle_it_came_in(servo: Bench, client: ServoClient) -> None:
     journal = JournalReader(servo.bench.mailbox.words, journal_base(servo.robot.n), servo.robot.n)
     client.power_on()
