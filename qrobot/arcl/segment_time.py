@@ -22,10 +22,10 @@ from qrobot.motion import (
     ArmKinematics,
     Displacement,
     Duration,
-    JointSpeed,
     MotionLimits,
     MotionSpeed,
     SpeedShare,
+    enough_samples,
     whole_samples,
 )
 from qrobot.units import M_PER_MM, RAD_PER_DEG, S_PER_MS
@@ -87,6 +87,18 @@ class ToolTravel:
         return whole_samples(max(seconds, default=0.0), period_s)
 
 
+@dataclass(frozen=True)
+class JointTravel:
+    """The joint that takes longest moves at `speed`, degrees/s, or mm/s where it slides."""
+
+    speed: float
+
+    def samples(self, displacement: Displacement, limits: MotionLimits, period_s: float) -> int:
+        """Samples, rounded up: never faster than asked."""
+        speeds = self.speed * np.where(limits.prismatic, M_PER_MM, RAD_PER_DEG)
+        return enough_samples(float((np.abs(displacement.joints) / speeds).max()), period_s)
+
+
 @dataclass(frozen=True, eq=False)
 class JointGoal:
     """Joint positions (n,) and the tool (4, 4) on the last frame."""
@@ -118,5 +130,5 @@ def _tseg(options: MotionOptions, pos: Pos, kinematics: ArmKinematics) -> Motion
             goal = JointGoal(kinematics, pos.target, np.eye(4) if pos.tool is None else pos.tool.value)
         return ToolTravel(options.vt * M_PER_MM, options.vr * RAD_PER_DEG, goal)
     if options.speed_by is SpeedBy.JOINT:
-        return JointSpeed(options.jvel * RAD_PER_DEG)
+        return JointTravel(options.jvel)
     return SpeedShare(options.share * 0.01)

@@ -24,6 +24,7 @@ from qrobot.motion.request import (
     MoveRequest,
     SpeedShare,
     ToolSpeed,
+    enough_samples,
     whole_samples,
 )
 from qrobot.motion.trajectory.output import Output
@@ -70,6 +71,7 @@ __all__ = [
     "ToolSpeed",
     "TransformKind",
     "Trsf",
+    "enough_samples",
     "kinematics_of",
     "motion_limits",
     "warm_up",

@@ -532,6 +532,19 @@ def test_several_robots_share_one_time_and_nobody_is_left_behind() -> None:
     assert np.allclose(stanford.joints, stanford.pose("end").target / stanford._units)
 
 
+@pytest.mark.parametrize(("joint", "travel"), [(0, 20.0), (2, 80.0)])
+def test_the_fastest_joint_moves_at_mov_jvel_degrees_or_where_it_slides_mm_each_second(
+    joint: int, travel: float
+) -> None:
+    stanford = arcl_open(ARCL_ROBOT, "stanford", ARCL_AMI, "offline", ARCL_PERIOD, 28, 0)
+    goal = np.array(stanford.joints)
+    goal[joint] += travel
+    began = ami_treal(stanford)
+    move(stanford, joint_pos(stanford, "away", goal), MOV_JVEL, 20.0, 0)
+    arcl_wait(stanford)
+    assert ami_treal(stanford) - began == pytest.approx(travel / 20.0 * 1000.0, abs=3 * 28)
+
+
 def test_close_waits_for_the_motions_and_nothing_comes_after_it() -> None:
     rp = offline()
     motion = move(rp, joint_pos(rp, "away", AWAY), 0)

@@ -87,6 +87,8 @@ def write_table(table: TrajectoryTable, path: Path) -> None:
     """Write a table in the form that the file's ending names. Raises ConfigError: no such form, or it cannot."""
     if path.suffix not in _FORMS:
         raise ConfigError(f"{path}: a table is written as {', '.join(_FORMS)}")
+    if path.suffix == ".parquet":
+        _pyarrow()  # before what is there is overwritten
     try:
         with path.open("wb") as file:
             _FORMS[path.suffix](table, file)
@@ -100,12 +102,17 @@ def _csv(table: TrajectoryTable, file: IO[bytes]) -> None:
     file.writelines((",".join(map(repr, row)) + "\n").encode() for row in rows)
 
 
-def _parquet(table: TrajectoryTable, file: IO[bytes]) -> None:
+def _pyarrow() -> Any:
     try:
         import pyarrow as pa
         import pyarrow.parquet as pq
     except ImportError:
         raise ConfigError("Parquet needs pyarrow: pip install 'qrobot[logs]', or write CSV") from None
+    return pa, pq
+
+
+def _parquet(table: TrajectoryTable, file: IO[bytes]) -> None:
+    pa, pq = _pyarrow()
     pq.write_table(pa.table(table), file)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+import sys
 from pathlib import Path
 from zlib import crc32
 
@@ -160,6 +161,17 @@ def test_a_table_comes_back_from_each_form_of_file(path: Path, tmp_path: Path) -
     assert np.array_equal(parquet["t_s"].to_numpy(), table["t_s"])
     with pytest.raises(ConfigError, match=r"\.csv, \.parquet"):
         write_table(table, tmp_path / "t.xls")
+
+
+def test_without_pyarrow_the_way_out_is_named_and_a_file_that_was_there_stays(
+    path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    there = tmp_path / "t.parquet"
+    there.write_bytes(b"the one before")
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
+    with pytest.raises(ConfigError, match=r"qrobot\[logs\]"):
+        write_table(joint_table(read_stream(path)), there)
+    assert there.read_bytes() == b"the one before"
 
 
 def test_a_matlab_file_has_a_column_for_each_name(path: Path, tmp_path: Path) -> None:

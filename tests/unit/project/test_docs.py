@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from qrobot import rccl, rci
-from qrobot.config import load_robot
+from qrobot.config import load_deployment, load_robot
 from qrobot.rci import VirtualLink
 from qrobot.wire import Hello
 from tests.support.fake_robot import FakeRobot
@@ -21,6 +21,8 @@ PAGES = sorted(
 )
 RECORDS = sorted((ROOT / "docs/decisions").glob("0*.md"))
 LINK = re.compile(r"\]\(([^)\s#]+)?(?:#([^)]*))?\)")
+PROGRAM = re.compile(r"```(?:python|c)\n(.*?)```", re.DOTALL)
+ADDRESS = re.compile(r'127\.0\.0\.1(?::|", *)(\d+)')
 REFRESH = runpy.run_path(str(ROOT / "docs/refresh.py"))
 
 
@@ -54,6 +56,18 @@ def test_links_of_a_page_lead_to_a_file_and_a_heading(page: Path) -> None:
 def test_source_files_named_on_a_page_exist(page: Path) -> None:
     named = re.findall(r"\b((?:qrobot|tests|docs|config|examples)/[\w./-]*\w\.(?:py|toml|md))", page.read_text())
     assert [name for name in named if not (ROOT / name).is_file()] == []
+
+
+def test_programs_on_pages_reach_bridges_of_the_deployment_files_of_the_package() -> None:
+    bridges = {arm.bridge.port for path in (ROOT / "config").glob("*.toml") for arm in load_deployment(path).arm}
+    found = {
+        (page_name(page), int(port))
+        for page in PAGES
+        for program in PROGRAM.findall(page.read_text())
+        for port in ADDRESS.findall(program)
+    }
+    assert len(found) >= 3
+    assert {each for each in found if each[1] not in bridges} == set()
 
 
 @pytest.mark.parametrize("record", RECORDS, ids=page_name)
