@@ -54,9 +54,8 @@ def neighbour_between(arm: DeployedArm, other: DeployedArm, robot: Robot, other_
     """Two arms of a deployment, which both have a stand. Raises ConfigError when a robot file tells no body."""
     if arm.fences is None or arm.stand is None or other.stand is None:
         raise ConfigError(f"{arm.name} and {other.name} need [arm.stand] each")
-    radius_m = arm.fences.tool_radius_m
     bodies = [
-        FenceSet(each, (), tool=tool_of(each, deployed.servo.tool_mm, radius_m))
+        FenceSet(each, (), tool=tool_of(each, deployed.servo.tool_mm, (deployed.fences or arm.fences).tool_radius_m))
         for deployed, each in ((arm, robot), (other, other_robot))
     ]
     pair = ArmPair(bodies[0], bodies[1], pose_between(arm.stand, other.stand))

@@ -33,6 +33,7 @@ from qrobot.servo.neighbour import (
     TOO_NEAR,
     VERDICT,
     NeighbourLook,
+    neighbour_between,
 )
 from qrobot.servo.process.neighbour_look import looking
 from qrobot.servo.settings import ServoSettings
@@ -258,3 +259,16 @@ def test_an_arm_without_a_body_beside_another_is_told_before_anything_starts(
     assert "stanford has no [shape]" in capsys.readouterr().out
     assert run_app(make_app(), ["up", str(path)]) == 1
     assert "stanford has no [shape]" in capsys.readouterr().err
+
+
+def test_each_arm_has_a_tool_of_its_own_thickness(tmp_path: Path) -> None:
+    """Seen from either arm the two are as far apart."""
+    path = tmp_path / "cell.toml"
+    thin, fat = CELL.replace("fences", "servo = { tool_mm = [0, 0, 200] }\nfences").split("[[arm]]")[1:]
+    fat = fat.replace("0.04 }", "0.04, tool_radius_m = 0.12 }")
+    path.write_text(f"[[arm]]{thin}[[arm]]{fat}")
+    left, right = load_deployment(str(path)).arm
+    q, other_q = PARK + REACH, PARK + 0.5 * REACH
+    one = neighbour_between(left, right, ROBOT, ROBOT).pair.distance(q, other_q)
+    other = neighbour_between(right, left, ROBOT, ROBOT).pair.distance(other_q, q)
+    assert one == pytest.approx(other, abs=1e-9)
