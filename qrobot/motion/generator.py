@@ -244,10 +244,12 @@ class Generator:
         if moving or not self._path.coordinates.fixed:
             what = ", ".join(moving) or "the goal that is followed"
             raise MotionError(f"the path to {what} cannot be planned before it runs: the goal moves, or complies")
-        fences = None if self._fences is None else self._fences.fences
         targets = (request.target for request in requests)
-        shared = [JOINTS, self._limits, self._kinematics, fences, *requests, *targets]
-        twin = deepcopy(self, {id(thing): thing for thing in shared})
+        shared = [JOINTS, self._limits, self._kinematics, *requests, *targets]
+        known: dict[int, object] = {id(thing): thing for thing in shared}
+        if self._fences is not None:  # another thread may follow the twin
+            known[id(self._fences.fences)] = self._fences.fences.for_one_thread()
+        twin = deepcopy(self, known)
         twin.override = FULL_SPEED
         twin._trajectory.override.jump(FULL_SPEED)
         return twin

@@ -140,7 +140,9 @@ class Channel(MotionParameters, HandAndOutputs):
         1 without fences. Shapes (n,).
         """
         fences = self._task.fences
-        return 1.0 if fences is None else fences.clear_share(start * self._radians, goal * self._radians)
+        if fences is None:
+            return 1.0
+        return fences.for_one_thread().clear_share(start * self._radians, goal * self._radians)
 
     def pose(self, name: str) -> Position:
         """The pose of that name in the robot's file, always the same descriptor. Raises ConfigError: there is none."""

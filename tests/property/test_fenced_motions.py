@@ -368,3 +368,15 @@ def test_a_way_that_was_looked_at_when_it_was_asked_for_is_not_looked_at_twice(m
         motion.push(MoveRequest(name, q, SPEED))
         codes_of(motion, tick=motion._trajectory.tick)
     assert looked == ["move to B", "move to C"]
+
+
+def test_a_copy_of_a_generator_works_on_numbers_of_its_own() -> None:
+    """It may be followed by another thread."""
+    motion = generator(FenceSet(ROBOT, [], self_collision=True))
+    twin = motion.copy()
+    assert motion._fences is not None
+    assert twin._fences is twin._planner._fences is not motion._fences
+    ours, theirs = motion._fences.fences, twin._fences.fences
+    assert theirs.words is ours.words
+    for name in ("_work", "_rows", "_nearest"):
+        assert not np.shares_memory(getattr(ours, name), getattr(theirs, name))

@@ -116,3 +116,13 @@ def test_a_jog_ends_before_a_fence_and_leads_back(fenced: tuple[rccl.Channel, Fe
         assert 0.018 < nearest < 0.03
         released_ms = arm.time + 1000.0
         assert jog(-1.0) > nearest + 0.01
+
+
+def test_a_program_that_asks_how_far_it_may_go_leaves_the_numbers_of_the_generator_alone(fenced) -> None:
+    arm, _ = fenced
+    fences = arm._task.fences
+    fences.distances(PARK)
+    before = fences._work.copy(), fences._rows.copy()
+    assert arm.clear_share(np.degrees(PARK), np.degrees(PARK) + np.array([0.0, 60.0, -60.0, 0.0, 0.0, 0.0])) < 1.0
+    assert (fences._work == before[0]).all()
+    assert (fences._rows == before[1]).all()
