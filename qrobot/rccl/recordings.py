@@ -65,11 +65,11 @@ def deviation(one: Floats, other: Floats, arm: Arm) -> float:
 
 
 def trimmed(recording: Setpoints) -> Setpoints:
-    """A recording from just before the arm moves until it has come to rest. Raises MotionError when it never does."""
+    """A recording from just before the arm moves until it has come to rest. Raises MotionError when it hardly does."""
     q = recording.q
     moved = np.flatnonzero(np.abs(q - q[0]).max(axis=1) > STILL)
     moves = np.flatnonzero(np.abs(q - q[-1]).max(axis=1) > STILL)
-    if not moved.size:
+    if not moved.size or not moves.size:
         raise MotionError("nothing is recorded: the arm stands still")
     led = q[max(0, moved[0] - 1) : moves[-1] + 2].copy()
     led[0], led[-1] = q[0], q[-1]

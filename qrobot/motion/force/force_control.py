@@ -176,6 +176,8 @@ class ForceControl:
         """Update COMPLY from the errors of the joints that give way."""
         if self._frame is None or self._asked is None or self._stood is None or not self.joints:
             return
+        if self._failed or len(self.joints) != len(compliance.axes):
+            return  # none were found for these axes, and the motion ends
         S = list(self.joints)
         error = self._stood[S] - self._asked[S]
         step = drift_step(self._frame.inverse, compliance.axes, self.joints, error)

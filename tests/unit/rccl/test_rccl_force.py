@@ -195,6 +195,28 @@ def test_an_arm_that_only_holds_says_when_no_joint_serves_its_direction_any_more
     assert robot.commands[-1].modes == (int(JointMode.POSITION),) * 6
 
 
+@pytest.mark.parametrize(("before", "locked", "after"), [("fz", "", "fx"), ("fz fx", "fx", ""), ("fz", "fz", "fx")])
+def test_a_change_of_directions_that_no_joint_serves_ends_the_motion_at_rest(
+    robot, monkeypatch, before: str, locked: str, after: str
+) -> None:
+    comply(before, *(0.0 for _ in before.split()))
+    if locked:
+        rccl.lock(locked)
+    if after:
+        rccl.comply(after, 0.0)
+
+    def none_serves(*_: object) -> JointIndices:
+        raise Singular("no joints move the controlled frame")
+
+    rccl.move(P)
+    monkeypatch.setattr(force, "match", none_serves)
+    robot.q = tuple(np.array(robot.q) + 1e-3)
+    wait(800)
+    assert P.code == rccl.Termination.SINGULAR
+    assert robot.commands[-1].modes == (int(JointMode.POSITION),) * 6
+    assert np.ptp([command.setpoints for command in robot.commands[-5:]], axis=0).max() < 1e-9
+
+
 def test_joints_that_are_in_line_do_not_disturb_one_that_gives_way_elsewhere(robot) -> None:
     """Joint 5 is turned to zero, where 4 and 6 are in line; the shoulder moves the tool up and down as before."""
     comply("fz", 5.0)

@@ -34,6 +34,13 @@ def roughness(q: np.ndarray) -> float:
     return float(np.abs(np.diff(q, 3, axis=0)).max())
 
 
+def test_an_arm_that_was_hardly_led_and_came_back_is_told_like_one_that_stood_still() -> None:
+    q = np.tile(START, (3, 1))
+    q[:, 0] += [0.0, 1.2e-3, 0.6e-3]
+    with pytest.raises(MotionError, match="the arm stands still"):
+        trimmed(Setpoints("puma560", PERIOD_US, q))
+
+
 @pytest.mark.parametrize("tolerance", [1e-3, 5e-3, 20e-3])
 def test_a_smoothed_recording_stays_within_its_tolerance_and_the_limits(tolerance: float) -> None:
     led = by_hand(1, seconds=6.0)
