@@ -29,7 +29,7 @@ from qrobot.val.signal_lines import SignalLines
 from qrobot.val.signatures import expressions_in, parts_of, wanted_kinds
 from qrobot.val.source import SourceFile, read_source
 from qrobot.val.structure import jumps_of
-from qrobot.val.values import JointLocation, Transformation, ValValue, joint_location, transformation
+from qrobot.val.values import JointLocation, Transformation, ValValue, stored_location
 from qrobot.val.vocabulary import (
     ANALOG_OUTPUTS,
     INPUTS,
@@ -72,10 +72,20 @@ def check_text(
     """
     source, errors = read_source(text)
     found = [ProgramMistake("", error.line, error.column, error.what) for error in errors]
+    found += [ProgramMistake("", 0, 0, refusal) for refusal in _strange_locations(source, robot)]
     for program in source.programs.values():
         mistakes = [*jumps_of(program)[1], *_Checker(source, robot, not errors, fences, lines).look_at(program)]
         found += [ProgramMistake(program.name, error.line, error.column, error.what) for error in mistakes]
     return sorted(found, key=lambda mistake: (mistake.line, mistake.column))
+
+
+def _strange_locations(source: SourceFile, robot: Robot) -> Iterator[str]:
+    """Reasons against stored locations that are none of this arm."""
+    for name, numbers in source.locations.items():
+        try:
+            stored_location(name, numbers, robot)
+        except ProgramError as error:
+            yield error.what
 
 
 class _VariesError(ProgramError):
@@ -252,7 +262,7 @@ class _Checker:
             raise _VariesError(f"{name} is not constant")
         key = name + (f"[{', '.join(map(str, indices))}]" if indices else "")
         if (numbers := self._source.locations.get(key)) is not None:
-            return joint_location(numbers, self.robot) if name.startswith("#") else transformation(numbers)
+            return stored_location(name, numbers, self.robot)
         if key not in self._source.numbers:
             raise _VariesError(f"the file has no {key}")
         return self._source.numbers[key]

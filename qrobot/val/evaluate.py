@@ -174,7 +174,7 @@ _OF_NUMBERS: Final[dict[str, Callable[..., float]]] = {
     "FRACT": lambda x: x - math.trunc(x),
     "SIGN": lambda x: -1.0 if x < 0.0 else 1.0,
     "BCD": lambda x: float(int(str(_small(x)), 16)),
-    "DCB": lambda x: float(f"{_small(x):x}"),
+    "DCB": lambda x: float(int(f"{_small(x):x}")),  # of decimal digits: 0x1e5 is no power of ten
 }
 
 

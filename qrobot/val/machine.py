@@ -15,9 +15,9 @@ from qrobot.val.arm import Destination, ValArm
 from qrobot.val.number_ranges import FILES_OWN, TIMER
 from qrobot.val.parser import parse_variable
 from qrobot.val.signal_lines import SignalLines
-from qrobot.val.source import SourceFile, stored_name
+from qrobot.val.source import SourceFile, constant_indices, stored_name
 from qrobot.val.tree import NumberLiteral, ValProgram, VariableName
-from qrobot.val.values import JointLocation, Transformation, ValValue, joint_location, stored_numbers, transformation
+from qrobot.val.values import JointLocation, Transformation, ValValue, stored_location, stored_numbers
 from qrobot.val.vocabulary import ANALOG_OUTPUTS, INPUTS, INTERNAL, OUTPUTS, SWITCHES, taken
 from qrobot.val.workspace import Workspace
 
@@ -67,12 +67,13 @@ class Machine:
     # ------------------------------------------------------------------------------------------- values and programs
 
     def load(self, source: SourceFile) -> None:
-        """Take programs, locations and numbers of a file; those of the same name are replaced."""
+        """Take programs, locations and numbers of a file; those of the same name are replaced.
+
+        Raises ProgramError, and takes nothing: a precision point is one of an arm with more or fewer joints.
+        """
+        places = {_key(name): stored_location(name, numbers, self.robot) for name, numbers in source.locations.items()}
         self.programs |= source.programs
-        for name, numbers in source.locations.items():
-            value = joint_location(numbers, self.robot) if name.startswith("#") else transformation(numbers)
-            self.values[_key(name)] = value
-        self.values |= {_key(name): number for name, number in source.numbers.items()}
+        self.values |= places | {_key(name): number for name, number in source.numbers.items()}
 
     def source(self) -> SourceFile:
         """Everything that there is, for a file; variables of calls are left out."""
@@ -295,5 +296,4 @@ def no_analog_output(number: float) -> str:
 
 def _key(name: str) -> CellKey:
     variable = parse_variable(name)
-    indices = tuple(int(index.value) for index in variable.indices if isinstance(index, NumberLiteral))
-    return variable.name, indices
+    return variable.name, constant_indices(variable)

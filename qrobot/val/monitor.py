@@ -15,7 +15,7 @@ from qrobot.val import tree
 from qrobot.val.interpreter import Interpreter, RunState
 from qrobot.val.parser import parse_variable
 from qrobot.val.printer import print_number, print_program
-from qrobot.val.source import load_source, store_source
+from qrobot.val.source import constant_indices, load_source, store_source
 from qrobot.val.values import JointLocation, numbers_of, stored_numbers
 from qrobot.val.vocabulary import INPUTS, INTERNAL, OUTPUTS
 
@@ -219,7 +219,7 @@ class ValMonitor:
 
     def _delete(self, rest: str, number: bool) -> str:
         variable = parse_variable(rest)
-        key = (variable.name, tuple(int(i.value) for i in variable.indices if isinstance(i, tree.NumberLiteral)))
+        key = (variable.name, constant_indices(variable))
         if isinstance(self._machine.values.get(key), float) != number or key not in self._machine.values:
             raise ProgramError(f"there is no {'number' if number else 'location'} {printable(rest)}")
         del self._machine.values[key]

@@ -20,19 +20,21 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from math import isfinite
+from math import isfinite, nan
 from pathlib import Path
 from typing import Final, TypeAlias
 
 from qrobot.errors import ConfigError, ProgramError
 from qrobot.printable import printable
+from qrobot.val.evaluate import LARGEST_INDEX
 from qrobot.val.parser import parse_line, parse_variable
 from qrobot.val.printer import print_expression, print_number, print_program
-from qrobot.val.tree import NumberLiteral, ProgramLine, UnaryOperation, ValProgram, VariableName
+from qrobot.val.tree import NumberLiteral, ProgramLine, ValProgram, VariableName
+from qrobot.val.values import within_reason
 from qrobot.whole_file import replace_file
 
 MOST_LINES: Final = 100_000  # of a file [A]
-NUMBERS_OF_LOCATION: Final = 6
+NUMBERS_OF_POSE: Final = 6  # a precision point has one for each joint, which the file does not tell
 _HEAD: Final = re.compile(
     r"\s*\.PROGRAM\s+(?P<name>[a-z][a-z0-9_.]*)\s*(\(\s*(?P<parameters>[^()]*?)\s*\))?\s*(;.*)?$", re.IGNORECASE
 )
@@ -47,7 +49,8 @@ class SourceFile:
 
     Attributes:
         programs: by name.
-        locations: six numbers each, by the name as it is printed: `a`, `#p`, `a[1]`.
+        locations: six numbers each, those of a precision point one for each joint, by the name as it is printed: `a`,
+            `#p`, `a[1]`.
         numbers: by name.
     """
 
@@ -168,8 +171,9 @@ class _SourceReader:
     def _location(self, _number: int, entry: str) -> None:
         if (found := _entry(entry)) is not None:
             name, numbers = found
-            if len(numbers) != NUMBERS_OF_LOCATION:
+            if not numbers or (len(numbers) != NUMBERS_OF_POSE and not name.startswith("#")):
                 raise ProgramError(f"location {name}: expected 6 numbers, not {len(numbers)}", column=1)
+            within_reason(numbers)
             _once(name, self.source.locations)
             self.source.locations[name] = numbers
 
@@ -219,8 +223,14 @@ def _entry(line: str) -> tuple[str, tuple[float, ...]] | None:
 
 
 def stored_name(variable: VariableName) -> str:
-    """The name under which a variable is stored. Raises ProgramError: its indices are not constant."""
-    constant = all(isinstance(index, NumberLiteral | UnaryOperation) for index in variable.indices)
-    if not constant:
-        raise ProgramError("expected numbers as indices", column=1)
+    """The name under which a variable is stored. Raises as `constant_indices`."""
+    constant_indices(variable)
     return print_expression(variable)
+
+
+def constant_indices(variable: VariableName) -> tuple[int, ...]:
+    """The indices of a variable outside programs. Raises ProgramError: one is no number that an element has."""
+    numbers = [index.value if isinstance(index, NumberLiteral) else nan for index in variable.indices]
+    if not all(0 <= number <= LARGEST_INDEX and number == int(number) for number in numbers):
+        raise ProgramError(f"expected whole numbers from 0 to {LARGEST_INDEX} as indices", column=1)
+    return tuple(map(int, numbers))

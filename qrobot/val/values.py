@@ -83,6 +83,15 @@ def joint_location(degrees: Sequence[float], robot: Robot) -> JointLocation:
     return JointLocation(np.array(within_reason(degrees), dtype=np.float64) * joint_units(robot))
 
 
+def stored_location(name: str, numbers: Sequence[float], robot: Robot) -> Transformation | JointLocation:
+    """The location of numbers that a file holds. Raises ProgramError: they are not those of one of this arm."""
+    if not name.startswith("#"):
+        return transformation(numbers)
+    if len(numbers) != robot.n:
+        raise ProgramError(f"location {name}: {robot.name} has {robot.n} joints, not {len(numbers)}")
+    return joint_location(numbers, robot)
+
+
 def stored_numbers(value: Transformation | JointLocation, robot: Robot) -> tuple[float, ...]:
     """The numbers that a file holds of a location: those by which it was given, without what rounding adds."""
     if isinstance(value, JointLocation):

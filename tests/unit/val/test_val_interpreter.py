@@ -118,6 +118,7 @@ def result(*lines: str, rest: str = "") -> float:
         ("INT(-2.7)+FRACT(2.25)", -1.75),
         ("SIGN(-3)*ABS(-2)", -2),
         ("DCB(BCD(1234))", 1234),
+        ("DCB(37)", 25),
         ("DISTANCE(TRANS(1,2,3), TRANS(4,6,3))", 5),
         ("DZ(TRANS(,,7,0,90):TRANS(,,5))", 2),  # o = 0, a = 90: the tool's z points down
         ("INRANGE(TRANS(450,,,90,90))", 0),
@@ -408,6 +409,8 @@ def test_an_analogue_output_is_set_on_either_library() -> None:
     [
         ("x = y", "line 2, column 5: the value of y is not defined"),
         ("x = 1/0", "line 2, column 6: 1 / 0 is no number"),
+        ("x = DCB(485)", "DCB of 485 is no number"),  # 0x1e5
+        ("x = DCB(26)", "DCB of 26 is no number"),
         ("CALL main", "calls are 100 deep"),
         ("SIGNAL 1001", "is an input"),
         ("SIGNAL 99", "there is no signal 99"),

@@ -6,6 +6,8 @@ from pathlib import Path
 
 import pytest
 
+from qrobot.config import load_robot
+from qrobot.val.check import check_text
 from qrobot.val.monitor import HELP, ValMonitor
 from tests.support.val_runs import EXAMPLES, interpreter, main_program
 
@@ -142,6 +144,9 @@ def test_a_program_is_stepped_from_its_beginning() -> None:
             "RETRY",
             "DO FOO",
             "DELETEL (",
+            "DELETEL a[i]",
+            "DELETEL a[-1]",
+            "DELETER x[1.5]",
             "HERE",
             "POINT",
         ),
@@ -180,3 +185,32 @@ def test_places_and_numbers_are_listed_by_their_names() -> None:
     assert [line.split()[0] for line in answers[1].splitlines()] == ["box[1]", "box[2]"]
     assert [line.split()[0] for line in answers[2].splitlines()] == ["box[2]", "a"]
     assert answers[3:] == ["error: there is no location c", "y 2", "error: there is no number z"]
+
+
+def test_an_element_is_deleted_by_its_number_alone() -> None:
+    file = ".LOCATIONS\na 1 2 3 90 -90 0\na[1] 4 5 6 90 -90 0\n.END\n.REALS\ni 1\n.END"
+    answers = session(file, "DELETEL a[i]", "DELETEL a[-1]", "LISTL", "DELETEL a[1]", "LISTL")
+    assert answers[0] == answers[1] == "error: column 1: expected whole numbers from 0 to 1000000 as indices"
+    assert [line.split()[0] for line in answers[2].splitlines()] == ["a", "a[1]"]
+    assert [line.split()[0] for line in answers[4].splitlines()] == ["a"]
+
+
+@pytest.mark.parametrize(
+    ("place", "said"),
+    [
+        ("a 2000000 0 0 0 0 0", "line 6: 2e+06 is too large for a location"),
+        ("#p 0 0 0 2000000 0 0", "line 6: 2e+06 is too large for a location"),
+        ("a[-1] 1 2 3 90 -90 0", "line 6, column 1: expected whole numbers"),
+        ("#p 0 -45 180 0 45", "location #p: puma560 has 6 joints, not 5"),
+        ("#p 0 -45 180 0 45 0 0", "location #p: puma560 has 6 joints, not 7"),
+        ("#p", "line 6, column 1: location #p: expected 6 numbers, not 0"),
+    ],
+)
+def test_of_a_file_with_a_place_of_no_arm_nothing_is_taken(place: str, said: str, tmp_path: Path) -> None:
+    file = tmp_path / "places.v2"
+    file.write_text(f"{main_program('x = 2')}\n.LOCATIONS\n{place}\n.END")
+    answers = session(main_program("x = 1"), f"LOAD {file}", "EX main", "LISTR", "LISTL")
+    assert said in answers[0].replace(str(file), "places.v2")
+    assert answers[1:] == ["completed", "x 1", ""]
+    mistakes = check_text(file.read_text(), load_robot("puma560"))
+    assert any(mistake.what in answers[0] for mistake in mistakes)
