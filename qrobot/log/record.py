@@ -64,23 +64,31 @@ class LogRecorder:
         self._take_laws()
         if now_ns >= self._flush_at_ns:
             self._flush_at_ns = now_ns + FLUSH_NS
-            self._writer.flush()
+            self._offer()
         if now_ns >= self._sync_at_ns:
             self._sync_at_ns = now_ns + SYNC_NS
             self._writer.sync()
         return taken
 
     def close(self, drain: bool = True) -> None:
-        """End the log, with what is left in the ring unless `drain` is False (the ring is another servo's now).
+        """End the log, with what is in the ring now unless `drain` is False (the ring is another servo's now).
 
         Rows that a disk still full leaves in the ring are lost, and counted.
         """
-        while drain and self._take():
+        end = self._reader.next_row + self._reader.waiting  # a servo that runs on writes more, which nobody has lost
+        while drain and self._reader.next_row < end and self._take():
             pass
         if drain:
             self._take_laws()
-            self._writer.count_lost(self._reader.waiting)
+            self._writer.count_lost(max(0, end - self._reader.next_row))
         self._writer.close()
+
+    def _offer(self) -> None:
+        """Flush; a disk that is full gets no more messages to keep than it has."""
+        if self._writer.backlog > BACKLOG_BYTES:
+            self._writer.drain()
+        else:
+            self._writer.flush()
 
     def _take(self) -> int:
         if self._writer.backlog > BACKLOG_BYTES:

@@ -23,6 +23,7 @@ from qrobot.log.record import FLUSH_NS, LogRecorder
 from qrobot.log.writer import LogWriter
 from qrobot.rig.experiment import program_path, run_program
 from qrobot.rig.lockstep import LockstepRig
+from qrobot.servo.memory.law_history import LawInForce
 from qrobot.servo.memory.servo_memory import create_servo_memory, servo_info
 from qrobot.servo.memory.telemetry import TelemetryLayout, TelemetryReader, append_row
 from qrobot.servo.settings import ServoSettings
@@ -92,6 +93,47 @@ def test_rows_that_a_full_disk_leaves_in_the_ring_at_the_end_are_counted_as_lost
     assert recorder.status.rows < 2500
     assert recorder.status.rows + recorder.status.lost == 2500
     assert recorder.backlog > 50_000  # what the disk never took
+
+
+def test_memory_does_not_grow_while_a_disk_stays_full_over_hours(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("qrobot.log.record.BACKLOG_BYTES", 50_000)
+    ring = Ring(1024)
+    recorder = LogRecorder(ring.reader(), LogWriter(tmp_path / "run.mcap", make_header()))
+    disk = FullDisk(monkeypatch, room=0)
+    polls = iter(range(100_000))
+
+    def go_on(times: int) -> int:
+        for i in range(times):
+            ring.append(make_rows(4, first=4 * i))
+            recorder.poll(next(polls) * FLUSH_NS)
+        return recorder.backlog
+
+    assert 50_000 < go_on(1000) == go_on(1000) < 100_000
+    disk.room = 10**9
+    recorder.poll(next(polls) * FLUSH_NS)
+    assert recorder.backlog == 0
+
+
+class TalkingJournal:
+    """A journal beside a servo that runs: a row is written whenever it is read."""
+
+    def __init__(self, ring: Ring) -> None:
+        self._ring = ring
+
+    def read(self) -> list[LawInForce]:
+        self._ring.append(make_rows(1, first=10))
+        return []
+
+
+def test_rows_that_a_servo_writes_while_its_recorder_stops_are_not_lost_to_it(tmp_path: Path) -> None:
+    ring = Ring(1024)
+    journal: Any = TalkingJournal(ring)
+    recorder = LogRecorder(ring.reader(), LogWriter(tmp_path / "run.mcap", make_header()), journal)
+    ring.append(make_rows(10))
+    recorder.close()
+    assert (recorder.status.rows, recorder.status.lost) == (10, 0)
 
 
 def test_what_a_slow_disk_makes_the_ring_overwrite_is_counted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
