@@ -115,12 +115,11 @@ def make_plan(
     clearance = Clearance(robot)
     half = 0.5 * SWING_SPEED * robot.limits.v_max * _seconds(robot, SWING_SPEED)
     candidates = _candidates(robot, regressor, clearance, half, seed)
+    sought = len(base.leading)
+    if poses * robot.n < sought or len(candidates) < poses:
+        raise IdentificationError(f"{poses} of {len(candidates)} clear poses cannot tell {sought} parameters")
     columns = motor_columns(robot, base.columns(regressor(candidates)))
     chosen = choose_informative(columns, poses)
-    if poses * robot.n < columns.shape[-1] or len(candidates) < poses:
-        raise IdentificationError(
-            f"{poses} of {len(candidates)} clear poses cannot tell {columns.shape[-1]} parameters"
-        )
     through = [_swing(robot, f"pose {i + 1}", q, half, SWING_SPEED) for i, q in enumerate(candidates[chosen])]
     centres = [robot.poses[READY], *candidates]
     sweeps = list(_sweeps(robot, clearance, centres, (*SLOW_SPEEDS, *SWEEP_SPEEDS) if slow else SWEEP_SPEEDS))

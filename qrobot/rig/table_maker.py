@@ -33,7 +33,7 @@ from qrobot.model.transmission import signed_word
 from qrobot.realtime.flat_record import record_of
 from qrobot.realtime.jit import lean_kernel
 from qrobot.servo.calibration.potentiometers import pot_units
-from qrobot.servo.calibration.table import CalibrationTable
+from qrobot.servo.calibration.table import FEWEST_ROWS, CalibrationTable
 from qrobot.servo.kernels.converter import IMAGES_TO_ANSWER, collect_sample, make_adc_state, start_sample
 from qrobot.sim_board.board import accept_operations, publish_sample
 from qrobot.sim_board.emulator import Emulator, EmulatorBundle, turn_shafts
@@ -124,20 +124,29 @@ def make_table(emulator: Emulator, progress: TableProgress = _ignore) -> Calibra
     start = emulator.q
     columns = [recorder.record(joint, _places(emulator, joint), progress) for joint in range(emulator.robot.n)]
     emulator.memory.place(start)
-    rows = [_usable(np.array(column, dtype=np.int64)) for column in columns]
+    rows = [_usable(joint, np.array(column, dtype=np.int64)) for joint, column in enumerate(columns)]
     table = CalibrationTable(tuple(pots for pots, _ in rows), tuple(counts for _, counts in rows))
     table.check_against(emulator.robot, "the new table")
     return table
 
 
-def _usable(columns: NDArray[np.int64]) -> NDArray[np.int64]:
+def _usable(joint: int, columns: NDArray[np.int64]) -> NDArray[np.int64]:
     """The rows of columns (2, rows) that tell one turn from the next: an 8-bit converter ends at 0 and 5 V.
 
     Without the first row: its turn is not whole, and the potentiometer's backlash has not been taken up.
+
+    Raises:
+        ConfigError: they are too few for a table.
     """
     steps = np.abs(np.diff(columns[0]))
-    moving = np.flatnonzero(steps > 0.5 * np.median(steps[steps > 0]))
-    return columns[:, max(1, moving[0]) : moving[-1] + 2]
+    moving = np.flatnonzero(steps > 0.5 * np.median(steps[steps > 0])) if steps.any() else np.zeros(0, np.int64)
+    rows = columns[:, max(1, moving[0]) : moving[-1] + 2] if moving.size else columns[:, :0]
+    if rows.shape[1] < FEWEST_ROWS:
+        raise ConfigError(
+            f"joint {joint + 1} meets {columns.shape[1]} index pulses in its range, {rows.shape[1]} of them at "
+            f"readings that differ: a table needs {FEWEST_ROWS}"
+        )
+    return rows
 
 
 def _places(emulator: Emulator, joint: int) -> Floats:

@@ -11,6 +11,7 @@ from qrobot.cli.calibrate import _Bars, _results
 from qrobot.cli.console import out, run_app
 from qrobot.cli.main import make_app
 from qrobot.config import load_robot
+from qrobot.config.robot import robot_path
 from qrobot.servo.calibration.table import load_table
 from qrobot.servo.operator.calibration_client import CalibrationReport
 
@@ -31,6 +32,21 @@ def test_a_table_that_cannot_be_written_is_one_line(tmp_path: Path, capsys: pyte
     blocked.write_text("")
     assert run_app(make_app(), ["calibrate", "--make-table", str(blocked / "arm.txt")]) == 2
     assert "cannot write" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("degrees", [1, 5, 15])
+def test_a_joint_that_meets_too_few_index_pulses_for_a_table_is_named(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], degrees: int
+) -> None:
+    text, table = robot_path("puma560").read_text(), tmp_path / "arm.txt"
+    for old, new in (("[-160,", f"[{-degrees},"), ("[160,", f"[{degrees},"), ("end = [60,", "end = [0,")):
+        text = text.replace(old, new)
+    (tmp_path / "short.toml").write_text(text)
+    path = tmp_path / "arms.toml"
+    path.write_text('[[arm]]\nname = "short"\nrobot = "short.toml"\nbridge = { port = 5999 }\n')
+    assert run_app(make_app(), ["calibrate", str(path), "--make-table", str(table)]) == 1
+    assert "joint 1 meets" in capsys.readouterr().err
+    assert not table.exists()
 
 
 def test_without_a_servo_it_says_so(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

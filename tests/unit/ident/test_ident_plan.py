@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from qrobot.config import Robot, load_robot
+from qrobot.config.robot import robot_path
 from qrobot.errors import IdentificationError
 from qrobot.ident.base import BaseParameters, base_of_robot
 from qrobot.ident.clearance import Clearance
@@ -41,6 +43,16 @@ def test_a_plan_stays_within_range_speed_and_acceleration(name: str) -> None:
         assert (speed <= 0.75 * limits.v_max).all()
         assert (1.5 * speed / swing.turn_s <= limits.a_max).all()  # Paul's transition turns it round in 2 turn_s
         assert swing.seconds - 2.0 * swing.turn_s == pytest.approx(PASS_S)
+
+
+def test_an_arm_that_no_swing_is_clear_for_is_told_so(tmp_path: Path) -> None:
+    text = robot_path("puma560").read_text().replace("base_height_m = 0.6604", "base_height_m = 0.0")
+    path = tmp_path / "puma560.toml"
+    path.write_text(text.replace("ready = [0, -90, 90, 0, 0, 0]", "ready = [0, 40, 90, 0, 0, 0]"))
+    robot = load_robot(path)
+    regressor = gravity_regressor(robot)
+    with pytest.raises(IdentificationError, match="of 0 clear poses"):
+        make_plan(robot, regressor, base_of_robot(robot, regressor), poses=12)
 
 
 @ROBOTS
