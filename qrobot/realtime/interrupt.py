@@ -7,7 +7,7 @@ import signal
 import socket
 import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from types import FrameType
 from typing import Final
 
@@ -25,7 +25,7 @@ def heed_interrupts(patience_s: float = PATIENCE_S) -> Iterator[None]:
     if threading.current_thread() is not threading.main_thread() or not callable(handler):
         yield
         return
-    heard = threading.Event()
+    heard, over = threading.Event(), threading.Event()
 
     def hear(number: int, frame: FrameType | None) -> None:
         heard.set()
@@ -35,20 +35,30 @@ def heed_interrupts(patience_s: float = PATIENCE_S) -> Iterator[None]:
     wakes.setblocking(False)
     before = signal.set_wakeup_fd(wakes.fileno(), warn_on_full_buffer=False)  # written to before any Python runs
     signal.signal(signal.SIGINT, hear)
-    threading.Thread(target=_watch, args=(ours, heard, patience_s), name="interrupt", daemon=True).start()
+    threading.Thread(target=_watch, args=(ours, heard, over, patience_s), name="interrupt", daemon=True).start()
     try:
         yield
     finally:
         signal.signal(signal.SIGINT, handler)
         signal.set_wakeup_fd(before)
+        over.set()  # SIGINT does again what it did before
         wakes.close()  # the watch reads its end
 
 
-def _watch(signals: socket.socket, heard: threading.Event, patience_s: float) -> None:
+def _watch(signals: socket.socket, heard: threading.Event, over: threading.Event, patience_s: float) -> None:
     with signals:
         while number := signals.recv(1):
             if number[0] != signal.SIGINT:
                 continue
-            if not heard.wait(patience_s):
+            if heard.wait(patience_s):
+                heard.clear()
+                _forget(signals)
+            elif not over.is_set():
                 os._exit(INTERRUPTED)
-            heard.clear()
+
+
+def _forget(signals: socket.socket) -> None:
+    """Drop what has come meanwhile: Python hears signals of one number, until it gets to them, as one."""
+    with suppress(BlockingIOError):
+        while signals.recv(64, socket.MSG_DONTWAIT):
+            pass

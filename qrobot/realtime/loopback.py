@@ -10,7 +10,8 @@ from pathlib import Path
 from typing import Final
 
 TABLES: Final = (Path("/proc/net/tcp"), Path("/proc/net/tcp6"))
-_LOCAL, _REMOTE, _ACCOUNT = 1, 2, 7  # columns, proc(5)
+_LOCAL, _REMOTE, _STATE, _ACCOUNT, _INODE = 1, 2, 3, 7, 9  # columns, proc(5)
+_ESTABLISHED: Final = "01"
 
 PeerAddress = tuple[IPv4Address | IPv6Address, int]
 
@@ -24,7 +25,7 @@ def is_loopback(host: str) -> bool:
 
 
 def maybe_peer_account(connection: socket.socket) -> int | None:
-    """Account of the process at the other end of a TCP connection; None when it is not on this machine.
+    """Account of the process at the other end of a TCP connection; None when none on this machine has it open.
 
     Their socket is the one whose local address is our remote one, and the other way round.
     """
@@ -43,6 +44,8 @@ def _connections() -> Iterator[tuple[PeerAddress, PeerAddress, int]]:
         except OSError:  # no IPv6
             continue
         for columns in map(str.split, lines):
+            if columns[_STATE] != _ESTABLISHED or columns[_INODE] == "0":  # closed: the account there is 0, whoever's
+                continue
             yield _endpoint(columns[_LOCAL]), _endpoint(columns[_REMOTE]), int(columns[_ACCOUNT])
 
 

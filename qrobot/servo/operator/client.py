@@ -59,7 +59,8 @@ class ServoClient:
 
     The first command that moves or changes something takes the authority over the arm, and the connection keeps it
     until it is closed; to look, to stop and to take power away needs none. Arm power stays as it is when the
-    connection ends.
+    connection ends. After a request that was broken off, by LinkTimeout or KeyboardInterrupt, the next one is made by
+    a new connection: whatever is still said to the one before is never heard.
 
     Args:
         arm: instance name of the deployment.
@@ -72,17 +73,8 @@ class ServoClient:
 
     def __init__(self, arm: str, timeout_s: float = TIMEOUT_S) -> None:
         self.arm = arm
-        self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
-        self._socket.settimeout(timeout_s)
-        self._unread = b""
-        try:
-            connect_to_servo(arm, self._socket)
-        except OSError:
-            self._socket.close()
-            raise LinkError(_nobody(arm)) from None
-        except QRobotError:
-            self._socket.close()
-            raise
+        self._patience_s = timeout_s
+        self._connect()
 
     def status(self) -> ServoStatus:
         """Status of the servo."""
@@ -166,12 +158,11 @@ class ServoClient:
 
         Of a law in a file, give the whole path: the servo may run in another folder.
         """
-        patience_s = self._socket.gettimeout()
-        self._socket.settimeout(COMPILE_PATIENCE_S)
+        patience_s, self._patience_s = self._patience_s, COMPILE_PATIENCE_S
         try:
             return self._ask(make_request(ChangeLaw, name=name, settings=dict(settings or {})))
         finally:
-            self._socket.settimeout(patience_s)
+            self._patience_s = patience_s
 
     def change_collision(self, thresholds: Sequence[float] = (), reaction: str = "stop") -> ServoStatus:
         """Tell collisions sooner, N m (N) of each joint, and choose what follows: "stop" or "comply".
@@ -215,6 +206,19 @@ class ServoClient:
     ) -> None:
         self.close()
 
+    def _connect(self) -> None:
+        self._broken_off, self._unread = False, b""
+        self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+        self._socket.settimeout(self._patience_s)
+        try:
+            connect_to_servo(self.arm, self._socket)
+        except OSError:
+            self._socket.close()
+            raise LinkError(_nobody(self.arm)) from None
+        except QRobotError:
+            self._socket.close()
+            raise
+
     def _ask(self, request: OperatorRequest) -> ServoStatus:
         reply = self._reply(request)
         if reply.status is None:
@@ -223,16 +227,30 @@ class ServoClient:
 
     def _reply(self, request: OperatorRequest) -> Reply:
         """Reply to a request that was done. Raises QRobotError with the servo's words for one that was refused."""
-        try:
-            self._socket.sendall(encode(request))
-            reply = decode_reply(self._line())
-        except TimeoutError:
-            raise LinkTimeout(f"the servo of {self.arm} does not answer") from None
-        except OSError:
-            raise LinkLost(f"the servo of {self.arm} has gone") from None
+        reply = decode_reply(self._exchange(encode(request)))
         if not reply.ok:
             raise QRobotError(reply.error)
         return reply
+
+    def _exchange(self, request: bytes) -> bytes:
+        if self._broken_off:
+            self._socket.close()
+            self._connect()
+        self._broken_off = True
+        try:
+            self._socket.settimeout(self._patience_s)
+            self._socket.sendall(request)
+            line = self._line()
+        except TimeoutError:
+            raise LinkTimeout(f"the servo of {self.arm} does not answer") from None
+        except OSError:
+            self._broken_off = False  # lost for good
+            raise LinkLost(f"the servo of {self.arm} has gone") from None
+        except LinkLost:
+            self._broken_off = False
+            raise
+        self._broken_off = False
+        return line
 
     def _line(self) -> bytes:
         while b"\n" not in self._unread:

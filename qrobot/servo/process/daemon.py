@@ -23,7 +23,7 @@ from typing import Any
 
 from qrobot.arrays import Floats, Words
 from qrobot.config import Robot
-from qrobot.errors import LinkError, QRobotError
+from qrobot.errors import ConfigError, LinkError, QRobotError
 from qrobot.faultcodes import NO_JOINT, FaultCode, explain
 from qrobot.hwif.board_memory import BoardSegment, Lane, attach_board_memory, command_board_memory, local_board_memory
 from qrobot.hwif.isa.bus import PortBus
@@ -31,6 +31,7 @@ from qrobot.hwif.isa.card import CARD_BASE, CARD_KIND, CARD_READ_ONLY, CARD_WITH
 from qrobot.hwif.isa.owner import own_board_memory
 from qrobot.hwif.isa.permission import require_ports
 from qrobot.hwif.lanes import discard_operations
+from qrobot.hwif.registers import N_ENCODERS
 from qrobot.modecodes import Mode
 from qrobot.realtime.deadline import Deadline
 from qrobot.realtime.machine import throttled_to
@@ -284,10 +285,13 @@ def serve(
         card: of a board on this machine's own bus: the loop reaches it itself, and this process owns the board memory.
 
     Raises:
-        ConfigError: the card's ports are refused, or the gains by `servo.laws.stability`.
+        ConfigError: the robot has more joints than a board, the card's ports are refused, or the gains by
+            `servo.laws.stability`.
         LinkError: no board serves this arm, or no card answers.
         LinkBusy: another servo runs this arm.
     """
+    if robot.n > N_ENCODERS:
+        raise ConfigError(f"{robot.name} has {robot.n} joints, a board has {N_ENCODERS} encoder channels")
     check_gains(robot, settings)
     card = make_card(NO_CARD) if card is None else card
     board_comes_later = turn_is_awaited()

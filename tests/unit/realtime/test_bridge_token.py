@@ -184,3 +184,18 @@ def test_a_peer_of_another_account_is_known_by_it() -> None:
                     return maybe_peer_account(connection) if ours else None
 
         assert as_other_account(visit) == str(OTHER)
+
+
+@needs_root
+def test_a_peer_that_has_hung_up_before_anybody_looked_is_of_no_account() -> None:
+    """Its socket belongs to nobody any more, and the kernel writes account 0 there."""
+    with socket.create_server(("127.0.0.1", 0)) as server:
+
+        def visit() -> None:
+            with socket.create_connection(server.getsockname()) as ours:
+                ours.sendall(b"power on")
+
+        assert as_other_account(visit) == "None"
+        connection, _ = server.accept()
+        with connection:
+            assert maybe_peer_account(connection) is None

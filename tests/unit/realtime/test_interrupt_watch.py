@@ -19,7 +19,7 @@ from qrobot.realtime.interrupt import INTERRUPTED, _watch
         ([signal.SIGINT], False, [INTERRUPTED]),
         ([signal.SIGTERM], False, []),
         ([signal.SIGTERM, signal.SIGINT], True, []),  # one that stands for the other: heard before the watch has looked
-        ([signal.SIGINT, signal.SIGINT], True, [INTERRUPTED]),  # the second one is heard of its own
+        ([signal.SIGINT, signal.SIGINT], True, []),  # Python hears both as one
     ],
 )
 def test_only_a_ctrl_c_that_nobody_hears_ends_the_process(
@@ -32,5 +32,15 @@ def test_only_a_ctrl_c_that_nobody_hears_ends_the_process(
         told.set()
     wakes.send(bytes(numbers))
     wakes.close()
-    _watch(ours, told, 0.0)
+    _watch(ours, told, threading.Event(), 0.0)
     assert exits == ended
+
+
+def test_a_ctrl_c_at_the_end_of_the_block_ends_no_process_later(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It may come when nobody here hears of it any more, but whoever did before."""
+    monkeypatch.setattr(os, "_exit", lambda _: pytest.fail("ended"))
+    over, wakes, ours = threading.Event(), *socket.socketpair()
+    over.set()
+    wakes.send(bytes([signal.SIGINT]))
+    wakes.close()
+    _watch(ours, threading.Event(), over, 0.0)

@@ -6,6 +6,7 @@ import contextlib
 import errno
 import re
 import shutil
+import signal
 import socket
 import tempfile
 import threading
@@ -22,7 +23,7 @@ import pytest
 from qrobot.cli import ctl
 from qrobot.config import Robot, load_robot
 from qrobot.config.fences import Fence
-from qrobot.errors import LinkBusy, LinkError, LinkLost, LinkTimeout, QRobotError, RemoteProtocolError
+from qrobot.errors import ConfigError, LinkBusy, LinkError, LinkLost, LinkTimeout, QRobotError, RemoteProtocolError
 from qrobot.faultcodes import FaultCode
 from qrobot.fences.fence_set import FenceSet
 from qrobot.hwif.board_memory import local_board_memory, publish_image
@@ -43,7 +44,15 @@ from qrobot.servo.operator import client as client_module
 from qrobot.servo.operator import law_changes, loop_wait
 from qrobot.servo.operator.board_status import board_status
 from qrobot.servo.operator.client import ServoClient
-from qrobot.servo.operator.messages import MAX_LINE_BYTES, ChangeGains, ChangeLaw, decode_reply, decode_request
+from qrobot.servo.operator.messages import (
+    MAX_LINE_BYTES,
+    ChangeGains,
+    ChangeLaw,
+    Reply,
+    decode_reply,
+    decode_request,
+    encode,
+)
 from qrobot.servo.operator.requests import Controls
 from qrobot.servo.operator.sockets import (
     MAX_CLIENTS,
@@ -53,7 +62,7 @@ from qrobot.servo.operator.sockets import (
     arms_that_run,
     connect_to_servo,
 )
-from qrobot.servo.process.daemon import _Herald, _run_and_watch, _served
+from qrobot.servo.process.daemon import _Herald, _run_and_watch, _served, serve
 from qrobot.servo.settings import ServoSettings
 from tests.support.patience import PATIENCE_S, wait_until
 from tests.support.servo_bench import ServoBench, moving
@@ -831,6 +840,54 @@ def test_a_mistake_of_ours_neither_ends_the_control_interface_nor_waits_for_a_te
         wait_until(lambda: broken.served > 2, "it goes on")
     (told,) = problems
     assert f"{type(mistake).__name__}: ours" in told
+
+
+class Late:
+    """Answers the first request only when there is a second one, which it refuses."""
+
+    def __init__(self) -> None:
+        self.first: OperatorConnection | None = None
+
+    def answer(self, visitor: OperatorConnection, _line: bytes) -> bytes:
+        if self.first is None:
+            self.first = visitor
+            return b""
+        with contextlib.suppress(OSError):  # nobody listens there any more
+            self.first.connection.sendall(encode(Reply(ok=True, fences=())))
+        return encode(Reply(ok=False, error="refused"))
+
+
+def test_the_late_answer_to_a_request_is_never_taken_for_that_to_the_next() -> None:
+    arm, servo = f"t{uuid.uuid4().hex[:10]}", Late()
+    with (
+        ControlSocket(arm, servo.answer, lambda _: None) as control,
+        _served(control),
+        ServoClient(arm, 0.2) as client,
+    ):
+        with pytest.raises(LinkTimeout):
+            client.fences()
+        client._patience_s = PATIENCE_S
+        with pytest.raises(QRobotError, match="refused"):
+            client.fences()
+
+
+def test_whoever_breaks_off_a_request_may_stop_the_arm_by_the_same_client(
+    servo: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with ServoClient(servo.arm) as client:
+        with monkeypatch.context() as patch:
+            patch.setattr(client, "_line", lambda: signal.raise_signal(signal.SIGINT))
+            with pytest.raises(KeyboardInterrupt):
+                client.fences()
+        stops = int(servo.bench.mail.command.stops)
+        assert client.stop().mode == "OFF"
+        assert servo.bench.mail.command.stops == stops + 1
+
+
+def test_a_board_has_no_counter_for_a_seventh_joint() -> None:
+    robot: Any = SimpleNamespace(name="seven", n=7)
+    with pytest.raises(ConfigError, match="seven has 7 joints, a board has 6 encoder channels"):
+        serve("nobody", robot, ServoSettings(), False, print, print)
 
 
 def test_resume_is_heard_as_the_end_of_a_pause_also_when_there_was_none(servo: Bench) -> None:
