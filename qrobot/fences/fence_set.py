@@ -248,13 +248,16 @@ class FenceSet:
             return k, self._body_at(k)
         return row % fences, self.bodies[row // fences]
 
-    def check_path(self, joints_at: Callable[[float, Floats], Floats], start: Floats, what: str) -> None:
+    def check_path(
+        self, joints_at: Callable[[float, Floats], Floats], start: Floats, what: str, bends: Sequence[float] = ()
+    ) -> None:
         """Look at a path at so many places that no body enters a margin unseen, to half of `RESOLUTION_M`.
 
         Args:
             joints_at: joint positions (n,) at a share of the way, 0 to 1, near others.
             start: where the way begins. Shape (n,).
             what: is asked, for people.
+            bends: shares, rising, between which the way does not go out and come back unseen; none of a straight one.
 
         Raises:
             FenceCrossed: the first place, of those looked at, that is too near.
@@ -262,8 +265,11 @@ class FenceSet:
         """
         floor = self.floor(start)
         at, q, slack = 0.0, start, self.check(start, floor, what, 0.0)
-        goal = joints_at(1.0, start)
-        ahead = [(1.0, goal, self._left(goal, floor))]
+        ahead: list[tuple[float, Floats, float]] = []
+        near = start
+        for share in (*bends, 1.0):
+            near = joints_at(share, near)
+            ahead.insert(0, (share, near, self._left(near, floor)))
         while ahead:
             share, there, left = ahead[-1]
             moved = float(np.abs(there - q) @ self._reach)

@@ -355,12 +355,28 @@ def test_a_motion_is_looked_at_from_where_joints_are_that_follow_no_setpoints() 
         assert not motion.busy
 
 
+@pytest.mark.parametrize("early", range(1, 9))
+def test_a_turn_that_goes_out_and_comes_back_is_looked_at_where_it_is_farthest(early: int) -> None:
+    """Where the arm is at speed it is asked to come back to: it would go on towards a plane 30 mm behind B."""
+    fences, turn = wall_ahead(0.03), np.radians([0.0, 20.0, -40.0, 0.0, 0.0, 0.0])
+    motion = generator(fences, PARK - turn)
+    motion.push(MoveRequest("B", PARK, JointSpeed(1.0), transition_s=0.1))
+    waiting = ["C"]
+
+    def come_back(q: Floats) -> None:
+        if waiting and motion.remaining <= early:
+            motion.push(MoveRequest(waiting.pop(), q, JointSpeed(1.0), transition_s=0.3))
+            motion.skip(7)
+
+    assert codes_of(motion, come_back) == [("B", 7), ("C", Termination.COMPLETED)]
+
+
 def test_a_way_that_was_looked_at_when_it_was_asked_for_is_not_looked_at_twice(monkeypatch) -> None:
     at, looked, check_path = triangles()[0], [], FenceSet.check_path
 
-    def counted(fences: FenceSet, joints_at, start: Floats, what: str) -> None:
+    def counted(fences: FenceSet, joints_at, start: Floats, what: str, *bends) -> None:
         looked.append(what)
-        check_path(fences, joints_at, start, what)
+        check_path(fences, joints_at, start, what, *bends)
 
     monkeypatch.setattr(FenceSet, "check_path", counted)
     motion = generator(at.fences)

@@ -9,6 +9,7 @@ the joints that began with it would end.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from typing import Final
 
@@ -25,6 +26,8 @@ from qrobot.motion.world.limits import MotionLimits
 
 STOP_PROBES: Final = np.linspace(0.0, 1.0, 4)  # [A] of the way of a stop
 WHAT: Final = "the motion"
+_LOOK_S: Final = 0.02  # [A] of a transition: who turns back in it with 40 m/s^2 gets RESOLUTION_M out
+_LEAST_LOOKS: Final = 8  # [A] at a transition
 
 
 @dataclass(eq=False)
@@ -58,7 +61,9 @@ class FenceCheck:
             state = piece.state(piece.start + share * (end - piece.start), settings)
             return segment.coordinates.solve_at(state[0], near)
 
-        self.fences.check_path(joints_at, joints_at(0.0, near), what)
+        looks = max(_LEAST_LOOKS, math.ceil(piece.length * settings.period_s / _LOOK_S))
+        bends = [piece.length * look / looks / (end - piece.start) for look in range(1, looks + 1)]
+        self.fences.check_path(joints_at, joints_at(0.0, near), what, [share for share in bends if share < 1.0])
 
     def rests_at(self, q: Floats) -> None:
         """Remember how near the arm is at rest at `q` (n,): it may stay there, and leave."""
