@@ -65,7 +65,7 @@ def cycle(params: ServoParameters, state: ServoState, mail: Any, now_ns: int, la
     carry_payload(params, state, mail)
     update_reference(params, state, mail, now_ns)
     hold_through_dropout(state)
-    check_reference(params, state, mail, now_ns)
+    check_reference(params, state, mail)
     apply_faults(params, state, mail, now_ns)
     drive(params, state)  # the law, and the check of its torque
     apply_faults(params, state, mail, now_ns)

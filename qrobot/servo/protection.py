@@ -52,8 +52,8 @@ def check_inputs(params: ServoParameters, state: ServoState, mail: Any, now_ns: 
 
 
 @lean_kernel
-def check_reference(params: ServoParameters, state: ServoState, mail: Any, now_ns: int) -> None:
+def check_reference(params: ServoParameters, state: ServoState, mail: Any) -> None:
     """Judge where the arm is about to be led, how far it is from there, and whether somebody still wants it to go."""
     watch_following(params, state)
-    watch_key(state, mail, now_ns)
+    watch_key(params, state, mail)
     watch_tool(params, state)

@@ -163,6 +163,8 @@ class ServoState:
     bridged: int = 0  # the knot that stands for a missing frame: 1 the newest, 2 the one before, 0 neither
     led: int = 0  # 1: the newest setpoint was led beside its place, or back to it
     began_ns: int = 0  # when this cycle really began
+    key_told_ns: int = 0  # when the key that lets the arm move was said to be held, and when as this servo counts it
+    key_ns: int = 0
     driven: int = 0  # 1: this cycle's writes drive something: power is wanted, or outputs are on that a stop ends
     armed: int = 1  # 1: the guardian is to act should the servo fall silent, see `servo.checks.guardian_arming`
     safe_head: int = -1  # end of the first list of the lane after which nothing is driven, -1 for none

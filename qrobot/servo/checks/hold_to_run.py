@@ -13,6 +13,7 @@ from qrobot.modecodes import Mode
 from qrobot.realtime.jit import lean_kernel
 from qrobot.servo.event import report_fault
 from qrobot.servo.memory.setpoint_queue import TORQUE_SETPOINT
+from qrobot.servo.parameters import PUT_BACK_NS, ServoParameters
 from qrobot.servo.state import ServoState
 
 HOLD_TO_RUN: Final = int(FaultCode.HOLD_TO_RUN)
@@ -20,6 +21,21 @@ TRACKING: Final = int(Mode.TRACKING)
 PATIENCE_NS: Final = (
     70_000_000  # [A] two frames of 28 ms and a quarter; the stop begins within 100 ms, as faults.md says
 )
+EARLY_NS: Final = 10_000_000  # [A] by which a word may have come after the beginning of the cycle that sees it
+
+
+@lean_kernel
+def hear_key(params: ServoParameters, state: ServoState, held_ns: int) -> None:
+    """Take what was said last of the key, at `held_ns`, but as said in this cycle at the latest.
+
+    It may have come since the cycle began, or before the time of an emulated arm was put back; what lies farther in the
+    future was never said, and counts for nothing.
+    """
+    if held_ns != state.key_told_ns:
+        state.key_told_ns = state.key_ns = held_ns
+    early_ns = EARLY_NS + (PUT_BACK_NS if params.board_slips != 0 else 0)
+    if 0 < state.key_ns - state.began_ns <= early_ns:
+        state.key_ns = state.began_ns
 
 
 @lean_kernel
@@ -29,14 +45,14 @@ def key_is_held(asked: int, stream: int, held_ns: int, now_ns: int) -> bool:
 
 
 @lean_kernel
-def watch_key(state: ServoState, mail: Any, now_ns: int) -> None:
+def watch_key(params: ServoParameters, state: ServoState, mail: Any) -> None:
     """Stop an arm that moves without its key, or gives way without it."""
+    hear_key(params, state, mail.command.held_ns)
     if state.mode != TRACKING:
         return
-    held_ns = mail.command.held_ns
-    if key_is_held(mail.command.held_stream, state.stream, held_ns, now_ns):
+    if key_is_held(mail.command.held_stream, state.stream, state.key_ns, state.began_ns):
         return
     for j in range(state.v_ref.size):
         if state.v_ref[j] != 0.0 or state.joint_modes[j] == TORQUE_SETPOINT:
-            report_fault(state, HOLD_TO_RUN, NO_JOINT, (now_ns - held_ns) * 1e-9, PATIENCE_NS * 1e-9)
+            report_fault(state, HOLD_TO_RUN, NO_JOINT, (state.began_ns - state.key_ns) * 1e-9, PATIENCE_NS * 1e-9)
             return

@@ -30,7 +30,7 @@ from qrobot.servo.memory.setpoint_queue import POSITION_SETPOINT, TORQUE_SETPOIN
 from qrobot.servo.memory.stop_record import CODE as INCIDENT_CODE
 from qrobot.servo.memory.stop_record import note_incident
 from qrobot.servo.modes import gives_torque, set_mode, wants_power
-from qrobot.servo.parameters import ServoParameters
+from qrobot.servo.parameters import PUT_BACK_NS, ServoParameters
 from qrobot.servo.stages.collision_stop import begin_yielding, forget_yielding
 from qrobot.servo.stages.setpoint_stream import (
     REFUSALS,
@@ -74,7 +74,6 @@ STAGE_IDLE: Final = int(Stage.IDLE)
 
 # A clear that cannot be granted at once is tried for this long (the guardian needs a cycle to hand back the board).
 CLEAR_PATIENCE_NS: Final = 100_000_000
-PUT_BACK_NS: Final = 1_000_000_000  # by which the time of an emulated arm is put back at once, at most [A]
 STANDSTILL_RAD_S: Final = 0.05  # faster than this the arm is not at rest: no power
 
 

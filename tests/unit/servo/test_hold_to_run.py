@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import partial
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,7 +16,7 @@ from qrobot.faultcodes import FaultCode
 from qrobot.modecodes import Mode
 from qrobot.rccl_bridge.mailbox_port import tell_key
 from qrobot.rig.lockstep import LockstepRig, link_factory
-from qrobot.servo.checks.hold_to_run import PATIENCE_NS, key_is_held
+from qrobot.servo.checks.hold_to_run import PATIENCE_NS, hear_key, key_is_held
 from qrobot.servo.memory.setpoint_queue import TORQUE_SETPOINT
 from qrobot.servo.settings import ServoSettings
 from qrobot.sim_board.emulator import Emulator
@@ -122,6 +123,50 @@ def test_only_a_fresh_word_for_this_stream_lets_it_move(stream: int, other: int,
 @pytest.mark.parametrize("age_ns", [-1, 0, 1, PATIENCE_NS - 1, PATIENCE_NS, PATIENCE_NS + 1])
 def test_the_patience_ends_at_its_nanosecond(age_ns: int) -> None:
     assert key_is_held(1, 0, 1_000, 1_000 + age_ns) == (0 <= age_ns <= PATIENCE_NS)
+
+
+MS = 1_000_000
+NOW_NS = 5_000 * MS
+
+
+def hears(told_ms: list[float], slips: int = 0) -> list[bool]:
+    """Whether the key counts as held, at each cycle of 2 ms that began 2 ms late, by when it was said to be."""
+    params, answers = SimpleNamespace(board_slips=slips), []
+    state = SimpleNamespace(began_ns=0, key_told_ns=0, key_ns=0)
+    hear = getattr(hear_key, "py_func", hear_key)
+    held = getattr(key_is_held, "py_func", key_is_held)
+    for cycle, ms in enumerate(told_ms):
+        state.began_ns = NOW_NS + 2 * cycle * MS + 2 * MS
+        hear(params, state, NOW_NS + round(ms * MS))
+        answers.append(held(1, 0, state.key_ns, state.began_ns))
+    return answers
+
+
+def test_a_key_that_was_said_to_be_held_after_the_deadline_of_a_late_cycle_is_held() -> None:
+    assert hears([1.0])  # the cycle was due at 0, and began at 2
+    assert hears([11.9] + [11.9] * 35) == [True] * 36  # it came while the cycle ran, and counts from its beginning
+    assert hears([12.0] * 36) == [True] * 36
+    assert hears([12.0] * 37)[-1] is False  # 70 ms after the cycle that saw it first
+
+
+def test_a_key_from_the_future_is_not_held_but_where_time_was_put_back() -> None:
+    assert hears([12.1, 1000.0, 1e9]) == [False, False, False]
+    assert hears([1e9], slips=1) == [False]
+    assert hears([1011.0] * 37, slips=1) == [True] * 36 + [False]
+
+
+def test_a_cycle_that_comes_late_stops_no_arm_whose_key_is_held() -> None:
+    bench = ServoBench()
+    said = [0]
+
+    def say(now_ns: int) -> None:
+        if now_ns - said[0] >= 28 * MS:
+            said[0] = now_ns
+            tell_key(bench.mailbox, STREAM, now_ns + MS)  # while the cycle waits for its processor
+
+    bench.before.append(say)
+    moving(bench, seconds=1.5)
+    assert bench.mode is Mode.TRACKING
 
 
 def test_a_program_jogs_as_long_as_its_key_is_held_and_is_told_why_it_ended() -> None:
