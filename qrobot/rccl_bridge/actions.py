@@ -76,6 +76,11 @@ class TakeCollision:
 
 
 @dataclass(frozen=True, slots=True)
+class ForgetCollision:
+    """The robot file's thresholds count again where a program told others."""
+
+
+@dataclass(frozen=True, slots=True)
 class TakeAnalog:
     """Volts of analogue outputs from now on."""
 
@@ -90,7 +95,15 @@ class Note:
 
 
 ServoAction: TypeAlias = (
-    Forward | BareRequest | StopArm | TakePowerAway | NameSignals | TakePayload | TakeCollision | TakeAnalog
+    Forward
+    | BareRequest
+    | StopArm
+    | TakePowerAway
+    | NameSignals
+    | TakePayload
+    | TakeCollision
+    | ForgetCollision
+    | TakeAnalog
 )
 Action: TypeAlias = SendBytes | ServoAction | Note | Close
 
@@ -140,5 +153,7 @@ def _tell_servo(action: ServoAction, port: RobotPort) -> None:
                 port.write_payload(action.payload)
             case TakeCollision():
                 port.write_collision(action.collision)
+            case ForgetCollision():
+                port.forget_collision()
             case TakeAnalog():
                 port.write_analog(action.analog)

@@ -115,7 +115,11 @@ class MailboxPort:
 
     def write_collision(self, collision: Collision) -> None:
         """Tell collisions so from now on."""
-        self._mailbox.request_collision(collision.thresholds, collision.reaction)
+        self._mailbox.request_collision(collision.thresholds, collision.reaction, by_program=True)
+
+    def forget_collision(self) -> None:
+        """Let the robot file's thresholds count again where a program told others."""
+        self._mailbox.forget_collision()
 
     def judge_analog(self, analog: AnalogOutputs) -> str:
         """Reason for which the arm's analogue outputs cannot be so; "" when they can."""
@@ -212,7 +216,11 @@ class ServoPort:
 
     def write_collision(self, collision: Collision) -> None:
         """Tell collisions so from now on. Raises LinkError when the servo is gone."""
-        self._follow().request_collision(collision.thresholds, collision.reaction)
+        self._follow().request_collision(collision.thresholds, collision.reaction, by_program=True)
+
+    def forget_collision(self) -> None:
+        """Let the robot file's thresholds count again where a program told others. Raises LinkError: no servo."""
+        self._follow().forget_collision()
 
     def judge_analog(self, analog: AnalogOutputs) -> str:
         """Reason for which the arm's analogue outputs cannot be so; "" when they can."""

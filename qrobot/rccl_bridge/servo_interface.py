@@ -105,6 +105,9 @@ class RobotPort(Protocol):
     def write_collision(self, collision: Collision) -> None:
         """Tell collisions so from now on. Raises LinkError when the servo is gone."""
 
+    def forget_collision(self) -> None:
+        """Let the robot file's thresholds count again where a program told others. Raises LinkError: no servo."""
+
     def judge_analog(self, analog: AnalogOutputs) -> str:
         """Reason for which the arm's analogue outputs cannot be so; "" when they can."""
 

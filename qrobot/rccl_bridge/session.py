@@ -20,6 +20,7 @@ from qrobot.rccl_bridge.actions import (
     Action,
     BareRequest,
     Close,
+    ForgetCollision,
     Forward,
     NameSignals,
     Note,
@@ -123,7 +124,6 @@ class Session:
         self._warnings, self._stops = RateLimit(), RateLimit()
         self._judge_payload, self._judge_collision = judge_payload, judge_collision
         self._judge_analog = judge_analog
-        self._minds_collisions = False  # in its own way, until it leaves
 
     @property
     def ended(self) -> bool:
@@ -227,7 +227,9 @@ class Session:
         self._heard_ns = now_ns
         self._begin_grid(hello.in_step and self._shared_clock, now_ns)
         self._frames = FrameMaker(self._lease, self._period_ns) if commands else None
-        return [SendBytes(self._connection.send(Welcome(hello.role, self._robot_name, self._n, period_us, now_ns)))]
+        welcome = Welcome(hello.role, self._robot_name, self._n, period_us, now_ns)
+        forgotten = [ForgetCollision()] if commands else []  # by a bridge that was killed
+        return [*forgotten, SendBytes(self._connection.send(welcome))]
 
     def _begin_grid(self, in_step: bool, now_ns: int) -> None:
         """Let the first STATE leave at the next point of the grid: now, or at a multiple of the period."""
@@ -282,7 +284,6 @@ class Session:
         refusal = self._judge_collision(change)
         if refusal or self._servo_gone:
             return self._object(ErrorCode.COLLISION_REFUSED, refusal, now_ns)
-        self._minds_collisions = True
         told = " ".join(f"{threshold:g}" for threshold in change.thresholds)
         return [TakeCollision(change), Note(f"{self.label} set thresholds of a collision: {told}")]
 
@@ -336,8 +337,7 @@ class Session:
     def _give_up_command(self, reason: str) -> list[Action]:
         if not self._lease.release(self):
             return []
-        usual = [TakeCollision(Collision((0.0,) * self._n))] if self._minds_collisions else []
-        return [StopArm(reason), NameSignals(()), *usual]
+        return [StopArm(reason), NameSignals(()), ForgetCollision()]
 
 
 def _stop_if_asked(command: Command) -> list[Action]:

@@ -663,6 +663,15 @@ def test_thresholds_of_a_collision_are_taken_or_refused_until_the_commander_leav
     assert port.collision == asked
 
 
+def test_thresholds_that_a_program_left_behind_with_a_killed_bridge_are_forgotten(port: FakePort) -> None:
+    asked = Collision((10.0, 20.0, 5.0, 1.0, 1.0, 1.0), CollisionReaction.COMPLY)
+    Client(port, Lease()).join().say(asked)  # and this bridge says no more
+    Client(port, Lease()).join(OBSERVER)
+    assert port.collision == asked
+    Client(port, Lease()).join()
+    assert port.collision == Collision((0.0,) * 6)
+
+
 def test_control_characters_of_a_client_reach_neither_log_nor_terminal(port: FakePort, lease: Lease) -> None:
     client = Client(port, lease).join(Hello(ClientRole.COMMANDER, "puma560", "\x1b[2Jwipe\nfake: line"))
     assert client.session.label == "?[2Jwipe?fake: line at 127.0.0.1:40000"

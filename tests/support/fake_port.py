@@ -21,6 +21,7 @@ class FakePort:
         self.stops = self.power_offs = 0
         self.names: tuple[str, ...] = ()
         self.running = True
+        self.collision_told = False
         self.state = resting((0.0,) * n, mode=Mode.OFF, flags=RobotFlag.ESTOP_OK | RobotFlag.CALIBRATED)
 
     def alive(self) -> bool:
@@ -84,7 +85,13 @@ class FakePort:
     def write_collision(self, collision: Collision) -> None:
         if not self.running:
             raise LinkError("the fake servo is away")
-        self.collision = collision
+        self.collision, self.collision_told = collision, True
+
+    def forget_collision(self) -> None:
+        if not self.running:
+            raise LinkError("the fake servo is away")
+        if self.collision_told:
+            self.collision, self.collision_told = Collision((0.0,) * 6), False
 
     def judge_analog(self, analog: AnalogOutputs) -> str:
         return "" if not max(analog.volts) > 5 else "more than this output shows"

@@ -115,12 +115,18 @@ class ServoMailbox:
         command.payload_centre[:], command.payload_inertia[:] = payload.centre, payload.inertia
         command.payloads += 1  # last: what is read after it is whole
 
-    def request_collision(self, thresholds: Sequence[float], reaction: int) -> None:
+    def request_collision(self, thresholds: Sequence[float], reaction: int, by_program: bool = False) -> None:
         """Ask for other thresholds of a collision, N m (N), 0 for the robot file's, and for what follows it."""
         command = self.memory.command
         command.collision_thresholds[:] = 0.0
         command.collision_thresholds[: len(thresholds)] = thresholds
         command.collision_reaction = reaction
+        command.collision_told = int(by_program)
+
+    def forget_collision(self) -> None:
+        """Let the robot file's thresholds count again where a program asked for others: it has gone."""
+        if self.memory.command.collision_told:
+            self.request_collision((), 0)
 
     def tell_signals(self, numbers: Sequence[float]) -> None:
         """Numbers that the program tells, NaN for none. Shape (8,)."""

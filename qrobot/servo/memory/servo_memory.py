@@ -125,6 +125,7 @@ class CommandBlock:
     payload_inertia: Floats = floats(6)  # kg m2, about that centre: xx yy zz xy xz yz
     collision_thresholds: Floats = floats(N_ENCODERS)  # N m (N) of a torque nobody commanded; 0 for the robot file's
     collision_reaction: int = word()  # 0: stop, 1: give way for a while, then hold
+    collision_told: int = word()  # 1: a program told both of a collision; until it has gone
     program_signals: Floats = floats(N_SIGNALS)  # numbers that the program tells; NaN for none
     names_told: int = word()  # raised when the names behind have changed
     signal_names: bytes = text(SIGNAL_NAME_BYTES)  # of the program's numbers, a blank between two

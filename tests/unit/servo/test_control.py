@@ -238,6 +238,12 @@ def test_collisions_can_be_told_sooner_and_never_later_without_authority(servo: 
         client.change_collision([1000.0, *asked[1:]])
     with pytest.raises(QRobotError, match="2 thresholds for 6 joints"):
         client.change_collision([1.0, 2.0])
+    servo.bench.mailbox.forget_collision()  # of a program that has gone; there was none
+    assert command.collision_thresholds[: servo.robot.n].tolist() == asked
+    servo.bench.mailbox.request_collision(asked, 1, by_program=True)
+    servo.bench.mailbox.forget_collision()
+    assert (command.collision_thresholds.any(), command.collision_reaction) == (False, 0)
+    servo.bench.mailbox.request_collision(asked, 1, by_program=True)
     client.change_collision()
     assert not command.collision_thresholds.any()
     assert command.collision_reaction == 0
