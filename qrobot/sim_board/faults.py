@@ -11,7 +11,6 @@ Joints are numbered from 1, as people do. Kinds a component does not have are re
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -108,6 +107,7 @@ _BY_NAME: Final = {(kind.component, kind.name): kind for kind in KINDS}
 
 _SECONDS: Final = {"ms": 1e-3, "s": 1.0}
 _TIME: Final = re.compile(r"([@+])(\d+\.?\d*|\.\d+)(ms|s)")
+MOST_S: Final = 1e9  # of a start or a duration: thirty years, which the board's nanoseconds can count
 _EXAMPLE: Final = '"encoder:2 stuck @1.5s +0.5s"'
 
 
@@ -143,11 +143,11 @@ class Fault:
             raise ConfigError(f"{name}: which joint? Write {self.component}:1 to {self.component}:{N_ENCODERS}")
         if not row.per_joint and self.joint is not None:
             raise ConfigError(f"{name} befalls no single joint: write {self.component} without a number")
-        if not (math.isfinite(self.start_s) and self.start_s >= 0.0):
-            raise ConfigError(f"{name}: it cannot begin at {self.start_s} s; give a time from now on")
+        if not 0.0 <= self.start_s <= MOST_S:
+            raise ConfigError(f"{name}: it cannot begin at {self.start_s} s; give 0 to {MOST_S:g} s from now on")
         if row.once and self.duration_s is not None:
             raise ConfigError(f"{name} happens at an instant: leave the duration out")
-        if self.duration_s is not None and not (math.isfinite(self.duration_s) and self.duration_s > 0.0):
+        if self.duration_s is not None and not 0.0 < self.duration_s <= MOST_S:
             raise ConfigError(f"{name}: it cannot last {self.duration_s} s; leave the duration out for good")
         self._check_value(row)
 
@@ -242,7 +242,7 @@ def _component(word: str, line: str) -> tuple[str, int | None]:
 def _number(word: str, line: str) -> float:
     try:
         return float(int(word, 0)) if word.lower().startswith("0x") else float(word)
-    except ValueError:
+    except (ValueError, OverflowError):
         raise ConfigError(
             f"fault {line!r}: {word!r} is no value, no start (@1.5s) and no duration (+0.5s or +20ms)"
         ) from None

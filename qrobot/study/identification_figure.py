@@ -59,14 +59,14 @@ def _draw_friction(axes: Axes, summary: IdentificationSummary) -> None:
 
 
 def _draw_intervals(axes: Axes, summary: IdentificationSummary) -> None:
-    shown = np.clip(summary.deviations.ravel(), -WIDEST, WIDEST)
+    shown = np.clip(summary.deviations[summary.known], -WIDEST, WIDEST)
     bins = np.linspace(-WIDEST, WIDEST, 33)
     axes.hist(shown, bins.tolist(), density=True, color=FOUND, alpha=0.6, label="all values of all arms")
     z = np.linspace(-WIDEST, WIDEST, 200)
     axes.plot(z, np.exp(-0.5 * z**2) / np.sqrt(2.0 * np.pi), color="black", linewidth=1.0, label="normal")
     for edge in (-NORMAL_95, NORMAL_95):
         axes.axvline(edge, color="#444444", linestyle="--", linewidth=0.9)
-    share = 100.0 * summary.inside.mean()
+    share = 100.0 * summary.inside.sum() / summary.known.sum()
     axes.set(xlabel="error in the fit's own standard deviations", ylabel="density")
     axes.set_title(f"{share:.0f} % of the truths are inside the 95 % intervals")
     axes.legend(frameon=False)

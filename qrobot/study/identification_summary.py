@@ -29,7 +29,8 @@ class IdentificationSummary:
         seeds, payload_kg: of the arms. Shapes (a,).
         gravity_before, gravity: rms errors of the robot file's and the model's, N m (N). Shapes (a, n).
         friction_error: as a share of the truth. Shape (a, n, 3).
-        deviations: errors in the fit's own standard deviations. Shape (a, p).
+        deviations: errors in the fit's own standard deviations, NaN for values that an arm's model has not: the terms
+            of friction that arms need differ. Shape (a, p).
         inertia: errors of the torque predicted for fast runs before and after, N m (N), shapes (a, n), and `deviations`
             (a, q) of inertial parameters; empty when not tried.
         tracking: rms errors before, after and with the exact model, rad (m), shapes (a, n); empty when not tried.
@@ -49,8 +50,13 @@ class IdentificationSummary:
 
     @property
     def inside(self) -> NDArray[np.bool_]:
-        """Whether the 95 % interval of each value holds the truth. Shape (a, p)."""
+        """Whether the 95 % interval of each value holds the truth; False of one that is not known. Shape (a, p)."""
         return np.abs(self.deviations) <= NORMAL_95
+
+    @property
+    def known(self) -> NDArray[np.bool_]:
+        """Whether the model of an arm has a value at all. Shape (a, p)."""
+        return ~np.isnan(self.deviations)
 
     @property
     def gain(self) -> Floats:
@@ -76,8 +82,10 @@ class IdentificationSummary:
             "gravity_rms": quantiles(self.gravity),
             "friction_error": dict(zip(FRICTION_NAMES, map(quantiles, friction.T), strict=True)),
             "friction_within_a_tenth": float((friction <= FRICTION_GOAL).mean()),
-            "inside_95": float(self.inside.mean()),
-            "inside_95_by_value": dict(zip(self.values, self.inside.mean(axis=0).tolist(), strict=True)),
+            "inside_95": float(self.inside.sum() / self.known.sum()),
+            "inside_95_by_value": dict(
+                zip(self.values, (self.inside.sum(axis=0) / self.known.sum(axis=0)).tolist(), strict=True)
+            ),
             "inertia": self._inertia_quantiles() if self.inertia else None,
             "tracking": self._tracking_quantiles() if self.tracking else None,
         }
@@ -104,6 +112,7 @@ def summarise_identification(results: Results) -> IdentificationSummary:
     def column(name: str) -> NDArray[Any]:
         return np.array([outcome[name] for outcome in good])
 
+    values = tuple(dict.fromkeys(name for outcome in good for name in outcome["deviations"]))
     moved = [
         arm | {"deviations": list(arm["deviations"].values())}
         for arm in (outcome["inertia"] for outcome in good if "inertia" in outcome)
@@ -111,14 +120,14 @@ def summarise_identification(results: Results) -> IdentificationSummary:
     tracked = [outcome["tracking"] for outcome in good if "tracking" in outcome]
     return IdentificationSummary(
         tuple(results.terms["joints"]),
-        tuple(good[0]["deviations"]),
+        values,
         failed,
         column("seed"),
         column("payload_kg"),
         column("gravity_before"),
         column("gravity_rms"),
         column("friction_error"),
-        np.array([list(outcome["deviations"].values()) for outcome in good]),
+        np.array([[outcome["deviations"].get(name, np.nan) for name in values] for outcome in good]),
         {name: np.array([arm[name] for arm in moved]) for name in moved[0]} if moved else {},
         {name: np.array([arm[name] for arm in tracked]) for name in tracked[0]} if tracked else {},
     )

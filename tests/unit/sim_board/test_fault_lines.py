@@ -99,3 +99,17 @@ def test_a_mistake_in_a_file_is_told_with_its_place(tmp_path: Path) -> None:
     path.write_text('fauls = ["encoder:2 stuck"]\n')
     with pytest.raises(ConfigError, match=r"plan\.toml.*(.|\n)*fauls: unknown key; did you mean 'faults'"):
         FaultPlan.load(path)
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "estop pressed @99999999999s",
+        "estop pressed +2000000000s",
+        "estop pressed +99999999999s",
+        f"dac:1 offset 0x{'f' * 300}",
+    ],
+)
+def test_times_and_values_that_no_board_can_count_are_refused(line: str) -> None:
+    with pytest.raises(ConfigError):
+        Fault.parse(line)

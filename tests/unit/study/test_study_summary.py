@@ -53,6 +53,16 @@ def test_it_counts_which_truths_are_inside_their_intervals() -> None:
     assert found["inside_95_by_value"] == {"hx1": 0.5, "lift.viscous": 1.0}
 
 
+def test_values_that_only_some_arms_have_are_judged_by_those_and_by_name() -> None:
+    first, second = ARMS.good
+    more = second | {"deviations": {"hx1": -3.0, "lift.load_share": 0.5, "lift.viscous": 0.0}}
+    told = summarise_identification(Results(TERMS, (first, more)))
+    plain = told.to_dict()
+    assert plain["inside_95_by_value"] == {"hx1": 0.5, "lift.viscous": 1.0, "lift.load_share": 1.0}
+    assert plain["inside_95"] == 0.8
+    assert "80 %" in identification_figure(told).axes[2].get_title("left")
+
+
 def test_tracking_is_compared_with_before_and_with_the_exact_model() -> None:
     tracking = summarise_identification(ARMS).to_dict()["tracking"]
     assert tracking["gain"]["worst"] == pytest.approx(4.0)
