@@ -26,12 +26,18 @@ _ROUNDING: Final = 1e-9  # in samples: a time that is a whole number of them sta
 
 def whole_samples(seconds: float, period_s: float) -> int:
     """The nearest whole number of samples, at least one (as ARCL's execution trace shows: 100 ms at 56 ms are 2)."""
-    return max(1, floor(seconds / period_s + 0.5))
+    return max(1, floor(_bounded(seconds / period_s) + 0.5))
 
 
 def enough_samples(seconds: float, period_s: float) -> int:
     """The smallest whole number of samples that lasts `seconds`, at least one."""
-    return max(1, ceil(seconds / period_s - _ROUNDING))
+    return max(1, ceil(_bounded(seconds / period_s) - _ROUNDING))
+
+
+def _bounded(samples: float) -> float:
+    if not samples < float("inf"):
+        raise MotionError("a motion would take more samples than can be counted; ask for more speed")
+    return samples
 
 
 def _positive(value: float, what: str) -> None:

@@ -17,11 +17,18 @@ MOST_BACK_MM: Final = 300.0  # [A] after a collision
 
 def numbers(call: str, *values: object) -> tuple[float, ...]:
     """The arguments of a call. Raises MotionError when one is no finite number."""
-    found = [float(value) if isinstance(value, SupportsFloat) else nan for value in values]
+    found = [_number(value) for value in values]
     for value, number in zip(values, found, strict=True):
         if not isfinite(number):
             raise MotionError(f"{call}: {value!r} is not a finite number")
     return tuple(found)
+
+
+def _number(value: object) -> float:
+    try:
+        return float(value) if isinstance(value, SupportsFloat) else nan
+    except (OverflowError, TypeError, ValueError):  # a whole number of 400 digits, several numbers, a text
+        return nan
 
 
 def payload_of(call: str, kg: float, centre: Sequence[float], inertia: Sequence[float]) -> Payload:

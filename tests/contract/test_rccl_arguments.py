@@ -64,6 +64,8 @@ MOTIONS = [
     (lambda: rccl.jposition("p", [1, 2, 3]), "6 joints, not 3"),
     (lambda: rccl.jposition("p", [0, 0, 0, 0, 0, NAN]), "position p: nan is not a finite number"),
     (lambda: rccl.jposition("p", [0, 0, 0, 0, 0, "5"]), "'5' is not a finite number"),
+    (lambda: rccl.jposition("p", [0, 0, 0, 0, 0, 10**400]), "0 is not a finite number"),
+    (lambda: rccl.jposition("p", np.zeros((6, 2))), "is not a finite number"),
     (lambda: rccl.move(rccl.jposition("p", [200, 0, 0, 0, 0, 0])), r"move to p: joint 1 \(waist\)"),
     (lambda: rccl.move("park"), "move: a position is needed, from makeposition, jposition or pose, not 'park'"),
     (lambda: rccl.move(PARK), "move: a position is needed"),
@@ -136,3 +138,10 @@ def test_after_all_that_the_arm_moves_as_if_nothing_had_been_said(arm: rccl.Chan
     arm.move(goal)
     arm.waitfor(goal.end)
     assert goal.code == rccl.Termination.COMPLETED
+
+
+def test_a_speed_at_which_a_motion_never_ends_is_refused(arm) -> None:
+    arm.setjvel(1e-320)
+    with pytest.raises(MotionError, match="more samples than can be counted"):
+        arm.move(arm.jposition("P", [5, 0, 0, 0, 0, 0]))
+    arm.setjvel(10)
