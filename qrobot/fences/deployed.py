@@ -8,7 +8,7 @@ from qrobot.config.deployment import DeployedArm
 from qrobot.config.fences import Fence
 from qrobot.config.robot import Robot
 from qrobot.config.scene import Scene
-from qrobot.config.shape import MOST_CAPSULES, Capsule
+from qrobot.config.shape import Capsule
 from qrobot.units import MM_PER_M
 
 _TABLE_M: Final = (0.6, 1.0, 0.04)  # of the emulated table top, see `sim_board.mujoco_scene`
@@ -29,8 +29,6 @@ def tool_capsule(arm: DeployedArm, robot: Robot) -> Capsule | None:
 def tool_of(robot: Robot, tool_mm: tuple[float, float, float], radius_m: float) -> Capsule | None:
     """A tool whose tip is `tool_mm` from the flange; None without one, or for an arm that tells no body."""
     if robot.shape is None or not any(tool_mm):
-        return None
-    if len(robot.shape.capsules) >= MOST_CAPSULES:
         return None
     flange = robot.geometry.flange_m
     x, y, z = (value / MM_PER_M for value in tool_mm)

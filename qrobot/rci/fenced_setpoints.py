@@ -11,8 +11,8 @@ import numpy as np
 
 from qrobot.arrays import Floats
 from qrobot.fences.fence_set import SLACK_M, FenceSet
+from qrobot.fences.gate import STOP_PEAK
 
-STOP_PEAK: Final = 1.875  # greatest slope of the profile of a controlled stop
 STOP_SHARES: Final = (0.0, 0.5, 1.0)  # [A] of its way, at which it is looked at
 
 
