@@ -37,4 +37,4 @@ def test_an_arm_by_itself_and_one_that_has_not_begun_wait_for_the_servo(in_step:
     client, server = conversation(in_step, sampled)
     client.take(server.send(GONE))
     assert client.warning == "the servo does not run"
-    assert not client.refusal
+    assert not client.refusals
