@@ -36,6 +36,7 @@ class SwapState:
     """The law in force and the one asked for. Vectors have shape (n,) and SI units."""
 
     gains: Any  # in force, (3, n)
+    last_gains: Any  # of the law before it, when it was left, (3, n)
     next_gains: Any  # (3, n)
     settings: Any  # of the law in force, (32,)
     last_settings: Any  # of the law before it, (32,)
@@ -64,6 +65,7 @@ def make_swap_state(law: Law, gains: Any) -> SwapState:
         law_at=law.address,
         compliant=int(law.compliant),
         gains=np.array(gains),
+        last_gains=np.zeros((N_GAINS, n)),
         next_gains=np.zeros((N_GAINS, n)),
         settings=np.array(law.values),
         last_settings=np.zeros(N_SETTINGS),
@@ -128,11 +130,17 @@ def install(swap: Any) -> int:
         swap.last_law_at, swap.last_compliant = swap.law_at, swap.compliant
         for k in range(swap.settings.size):
             swap.last_settings[k] = swap.settings[k]
+        _copy(swap.gains, swap.last_gains)
     swap.law_at, swap.compliant = swap.next_law_at, swap.next_compliant
-    for k in range(swap.gains.shape[0]):
-        for j in range(swap.gains.shape[1]):
-            swap.gains[k, j] = swap.next_gains[k, j]
+    _copy(swap.next_gains, swap.gains)
     return take_settings(swap)
+
+
+@lean_kernel
+def _copy(gains: Any, to: Any) -> None:
+    for k in range(gains.shape[0]):
+        for j in range(gains.shape[1]):
+            to[k, j] = gains[k, j]
 
 
 @lean_kernel
@@ -145,12 +153,16 @@ def take_settings(swap: Any) -> int:
 
 @lean_kernel
 def fall_back(swap: Any) -> None:
-    """Put the law before the one in force back, if there was one, for the one in force has failed. Gains stay."""
+    """Put the law before the one in force back, if there was one, for the one in force has failed.
+
+    Its gains come back with it: those that were changed meanwhile have been judged for the other law.
+    """
     if swap.last_law_at == 0:
         return
     swap.law_at, swap.last_law_at, swap.compliant = swap.last_law_at, 0, swap.last_compliant
     for k in range(swap.settings.size):
         swap.settings[k] = swap.last_settings[k]
+    _copy(swap.last_gains, swap.gains)
 
 
 @lean_kernel

@@ -186,3 +186,17 @@ def test_a_law_that_fails_after_the_swap_takes_its_bias_with_it() -> None:
     bench.run(0.01)
     assert (bench.mode, bench.fault) == (Mode.FAULT, FaultCode.LAW_NAN)
     np.testing.assert_array_equal(bench.state.swap.bias, 0.0)
+
+
+def test_the_law_that_comes_back_has_the_gains_that_were_judged_for_it() -> None:
+    bench = ServoBench().hold()
+    state = bench.state.swap
+    assert swap(bench, PD) == SWAPPED
+    judged = np.array(state.gains)
+    assert swap(bench, fails_later) == SWAPPED
+    assert swap(bench, fails_later, 3.0 * judged) == SWAPPED
+    bench.until(lambda: bench.mode is Mode.FAULT, 2.0)
+    bench.mailbox.request_clear()
+    bench.until(lambda: bench.mode is Mode.OFF, 2.0)
+    assert state.law_at == PD.address
+    np.testing.assert_array_equal(state.gains, judged)
