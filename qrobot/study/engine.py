@@ -5,12 +5,15 @@ All are a `concurrent.futures.Executor`. Nothing listens on this machine; a Dask
 
 from __future__ import annotations
 
+import os
 import signal
+import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, Future, ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import dataclass
-from multiprocessing import active_children, get_context
+from multiprocessing import active_children, get_context, parent_process
 from typing import TYPE_CHECKING, Final, ParamSpec, TypeVar
 
 from qrobot.errors import ConfigError, LinkError
@@ -70,20 +73,30 @@ def engine(workers: int, scheduler: str | None = None) -> Iterator[Engine]:
 @contextmanager
 def _processes(workers: int) -> Iterator[Engine]:
     """Processes of our own, reached by pipes: a port would do what any account of this machine asks for."""
-    executor = ProcessPoolExecutor(workers, get_context("spawn"), initializer=_leave_interrupts_to_parent)
+    executor = ProcessPoolExecutor(workers, get_context("spawn"), initializer=_leave_to_parent)
     before = set(active_children())
     try:
         yield Engine(executor, None, workers)
         executor.shutdown(cancel_futures=True)
-    except BaseException:
+    except BaseException as error:
         executor.shutdown(wait=False, cancel_futures=True)
         for child in set(active_children()) - before:
             child.terminate()
+        if isinstance(error, BrokenProcessPool):
+            raise LinkError("a worker was killed, perhaps for want of memory: the same command goes on") from error
         raise
 
 
-def _leave_interrupts_to_parent() -> None:
+def _leave_to_parent() -> None:
+    """Worker: Ctrl-C is the parent's affair, and without a parent, whatever has ended it, there is nothing to do."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _end_with_parent() -> None:
+    if (parent := parent_process()) is not None:
+        parent.join()
+        os._exit(1)
 
 
 @contextmanager

@@ -5,6 +5,9 @@ from __future__ import annotations
 import json
 import os
 import re
+import signal
+import subprocess
+import sys
 from multiprocessing import active_children
 from pathlib import Path
 
@@ -13,11 +16,13 @@ import pytest
 
 from qrobot.cli.console import run_app
 from qrobot.cli.main import make_app
+from qrobot.errors import LinkError
 from qrobot.ident.fit import NORMAL_95
 from qrobot.study.campaign import carry_out
 from qrobot.study.engine import Engine, InProcess, engine
 from qrobot.study.gains import GainStudy
 from qrobot.study.results import Results, read_results
+from tests.support.patience import wait_until
 
 ROOT = Path(__file__).parents[2]
 LISTEN = "0A"  # a state, as /proc/net/tcp has it
@@ -45,6 +50,35 @@ def test_two_processes_find_what_one_process_finds_and_open_no_port(gains: Resul
         workers = [child.pid for child in active_children() if child.pid is not None]
         assert len(workers) >= 2
         assert ports_of([os.getpid(), *workers]) == before
+
+
+def test_a_worker_that_is_killed_is_told() -> None:
+    with pytest.raises(LinkError, match="a worker was killed"), engine(2) as both:
+        both.executor.submit(os._exit, 1).result()
+
+
+PROGRAM = """
+import os, time
+from qrobot.study.engine import engine
+if __name__ == "__main__":
+    with engine(2) as both:
+        print(both.executor.submit(os.getpid).result(), flush=True)
+        time.sleep(1000)
+"""
+
+
+@pytest.mark.realtime
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGKILL])
+def test_workers_end_with_who_gives_them_work(tmp_path: Path, number: signal.Signals) -> None:
+    path = tmp_path / "program.py"
+    path.write_text(PROGRAM)
+    with subprocess.Popen([sys.executable, path], stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        worker = int(process.stdout.readline())
+        open_file = Path(f"/proc/{worker}/fd/0")  # a process that has ended has none, though nobody has waited for it
+        assert open_file.is_symlink()
+        process.send_signal(number)
+        wait_until(lambda: not open_file.is_symlink(), "the worker has ended")
 
 
 def ports_of(processes: list[int]) -> set[str]:
