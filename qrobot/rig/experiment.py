@@ -10,6 +10,7 @@ import contextlib
 import hashlib
 import io
 import runpy
+import subprocess
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -22,7 +23,7 @@ import numpy as np
 
 from qrobot import rccl
 from qrobot.config import Robot, load_robot
-from qrobot.errors import QRobotError, Stalled
+from qrobot.errors import LinkTimeout, QRobotError, Stalled
 from qrobot.faultcodes import FaultCode
 from qrobot.log.header import LOCKSTEP, REALTIME, header_for
 from qrobot.log.read import Log, read_log
@@ -176,7 +177,7 @@ def run_realtime(run: ExperimentRun, processes: ArmProcesses, directory: Path) -
     """The experiment on the wall clock; board and bridge of the arm have to run.
 
     Raises:
-        LinkError: a process did not start.
+        LinkError: a process did not start, or the program did not end.
         Stalled: this machine left one of the processes without time.
         QRobotError: the program failed for another reason; the message is the program's own.
     """
@@ -184,7 +185,11 @@ def run_realtime(run: ExperimentRun, processes: ArmProcesses, directory: Path) -
     with _servo_running(run, processes, path):
         began = time.monotonic()
         program = processes.start_program(program_path())
-        status = program.process.wait(PROGRAM_PATIENCE_S)
+        try:
+            status = program.process.wait(PROGRAM_PATIENCE_S)
+        except subprocess.TimeoutExpired:
+            processes.rig.end(program.name)
+            raise LinkTimeout(f"the program did not end within {PROGRAM_PATIENCE_S:.0f} s") from None
         wall_s = time.monotonic() - began
     processes.rig.end(program.name)
     log = read_log(path)

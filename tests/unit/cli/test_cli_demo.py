@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 import json
+import subprocess
+from contextlib import nullcontext
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,13 +17,13 @@ from qrobot.cli.console import run_app
 from qrobot.cli.demo import _draw, _tried_twice
 from qrobot.cli.main import make_app
 from qrobot.config import load_robot
-from qrobot.errors import QRobotError, Stalled
+from qrobot.errors import LinkTimeout, QRobotError, Stalled
 from qrobot.faultcodes import FaultCode
 from qrobot.log.header import header_for
 from qrobot.log.read import Log
 from qrobot.log.summary import tracking_summary
 from qrobot.modecodes import Mode
-from qrobot.rig.experiment import STALLS, ExperimentRun, Result, stalled_before_fault
+from qrobot.rig.experiment import STALLS, ExperimentRun, Result, run_realtime, stalled_before_fault
 from qrobot.servo.memory.telemetry import FLAG_UNSEEN, TelemetryLayout
 
 
@@ -53,6 +57,20 @@ def test_a_run_that_a_stall_stopped_is_made_once_more_and_people_are_told_why(to
 def test_a_machine_that_stalls_again_is_an_error(told: list[str]) -> None:
     with pytest.raises(Stalled):
         _tried_twice(Attempts(Stalled("first"), Stalled("second")), told.append)
+
+
+def test_a_program_that_does_not_end_is_ended_and_told_of(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    ended: list[str] = []
+    hangs = SimpleNamespace(name="program", process=SimpleNamespace(wait=_never_over))
+    processes: Any = SimpleNamespace(start_program=lambda _path: hangs, rig=SimpleNamespace(end=ended.append))
+    monkeypatch.setattr("qrobot.rig.experiment._servo_running", lambda *_all: nullcontext())
+    with pytest.raises(LinkTimeout, match="did not end within 120 s"):
+        run_realtime(ExperimentRun(1000, "realtime"), processes, tmp_path)
+    assert ended == ["program"]
+
+
+def _never_over(patience_s: float) -> int:
+    raise subprocess.TimeoutExpired("program", patience_s)
 
 
 def test_what_the_arm_did_is_not_tried_again(told: list[str]) -> None:
