@@ -1,7 +1,8 @@
 """The way from a program in C that uses RCI to an arm on virtual time: a bridge in this process, one period per answer.
 
 The program connects to it for each robot that a task wants, as it would to the bridge of that robot. Each of its
-commands goes to the link of that robot, which lets a sample period pass, and the STATE comes back.
+commands goes to the link of that robot, which lets a sample period pass, and the STATE comes back. A conversation that
+the program has ended is over, and its robot let go, before its next one with that robot, and before the relay ends.
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ RELAY: Final = "QROBOT_RCI_RELAY"  # environment: where the relay of a program i
 TIME: Final = "QROBOT_RCI_TIME"  # environment: "virtual", or real without it
 TOKEN: Final = "QROBOT_TOKEN"  # environment: what a program shows to a bridge
 _CHUNK: Final = 4096
+_OVER_S: Final = 10.0  # [A] in which a conversation that the program has left comes to its end
 
 
 @contextmanager
@@ -33,34 +35,54 @@ def relay() -> Iterator[dict[str, str]]:
         yield {}
         return
     token = secrets.token_hex(16)
+    begun: list[_Conversation] = []
     with socket.create_server(("127.0.0.1", 0)) as server:
-        threading.Thread(target=_accept, args=(server, surroundings, token.encode()), daemon=True).start()
+        threading.Thread(target=_accept, args=(server, surroundings, token.encode(), begun), daemon=True).start()
         try:
             yield {RELAY: f"127.0.0.1:{server.getsockname()[1]}", TIME: "virtual", TOKEN: token}
         finally:
             server.shutdown(socket.SHUT_RDWR)
+            for conversation in begun:
+                conversation.over.wait(_OVER_S)
 
 
-def _accept(server: socket.socket, surroundings: Environment, token: bytes) -> None:
+def _accept(server: socket.socket, surroundings: Environment, token: bytes, begun: list[_Conversation]) -> None:
     while True:
         try:
             client, _ = server.accept()
         except OSError:  # the program has ended
             return
-        conversation = _Conversation(client, surroundings, token)
+        begun[:] = [each for each in begun if not each.over.is_set()]
+        conversation = _Conversation(client, surroundings, token, tuple(begun))
+        begun.append(conversation)
         threading.Thread(target=conversation.run, daemon=True).start()
 
 
 class _Conversation:
-    """One task of the program with its robot."""
+    """One task of the program with its robot.
 
-    def __init__(self, client: socket.socket, surroundings: Environment, token: bytes) -> None:
-        self._client, self._surroundings, self._token = client, surroundings, token
+    Attributes:
+        over: the robot has been let go.
+        robot: and its task, once the program has told them.
+    """
+
+    def __init__(
+        self, client: socket.socket, surroundings: Environment, token: bytes, before: tuple[_Conversation, ...]
+    ) -> None:
+        self._client, self._surroundings, self._token, self._before = client, surroundings, token, before
         self._connection = Connection(Side.SERVER)
         self._link: Link | None = None
+        self.over = threading.Event()
+        self.robot: KnownRobot | None = None
 
     def run(self) -> None:
         """Answer until either side has enough of it."""
+        try:
+            self._serve()
+        finally:
+            self.over.set()
+
+    def _serve(self) -> None:
         with self._client:
             try:
                 while not self._connection.ended and (data := self._client.recv(_CHUNK)):
@@ -89,7 +111,12 @@ class _Conversation:
     def _greet(self, hello: Hello) -> bytes:
         if not secrets.compare_digest(hello.auth, self._token):
             return self._connection.send(WireError(ErrorCode.AUTHENTICATION, "this relay serves one program", True))
-        self._link = self._surroundings.links(KnownRobot(hello.program, hello.robot), hello)
+        self.robot = KnownRobot(hello.program, hello.robot)
+        for conversation in self._before:
+            if conversation.robot == self.robot:
+                conversation.over.wait(_OVER_S)
+        self._before = ()
+        self._link = self._surroundings.links(self.robot, hello)
         welcome = self._connection.send(self._link.open())
         return welcome + self._connection.send(self._link.exchange(None))
 
