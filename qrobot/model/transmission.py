@@ -129,11 +129,11 @@ def count_word(counts: int) -> int:
 
 
 @lean_kernel
-def unwrap_counts(words: Ints, raw: Ints, counts: Ints, jump_counts: Ints) -> int:
+def unwrap_counts(words: Ints, raw: Ints, counts: Ints, jump_counts: Ints, ahead: Ints) -> int:
     """Carry the positions `counts` on by the difference of the new `words` to the last accepted ones, `raw`.
 
-    A joint whose word differs by more than `jump_counts` keeps its old word and position, so that a single bad reading
-    passes without trace. Shapes (n,).
+    A joint whose word differs by more than `jump_counts` from where it is expected, `ahead` of its position, keeps its
+    old word and position, so that a single bad reading passes without trace. Shapes (n,).
 
     Returns:
         The first joint held back, or -1.
@@ -141,7 +141,7 @@ def unwrap_counts(words: Ints, raw: Ints, counts: Ints, jump_counts: Ints) -> in
     held = -1
     for j in range(words.size):
         delta = signed_word(words[j] - raw[j])
-        if abs(delta) <= jump_counts[j]:
+        if abs(delta - ahead[j]) <= jump_counts[j]:
             raw[j] = words[j]
             counts[j] += delta
         elif held < 0:

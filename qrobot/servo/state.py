@@ -45,7 +45,8 @@ class ServoState:
     image: Any  # int64[IMAGE_WORDS], as fetched
     raw: Any  # encoder words of the last tick, int64
     counts: Any  # unwrapped, int64
-    jump: Any  # counts a joint may have moved since the last good image, int64
+    jump: Any  # counts a motor may be from where it is expected, int64
+    ahead: Any  # where that is, in counts from its last good reading, int64
     q: Any
     q_before: Any
     v: Any
@@ -201,7 +202,7 @@ def make_state(params: ServoParameters, law: Law) -> ServoState:
 
     return record_of(ServoState(
         image=make_image(), raw=integers(), counts=integers(),
-        jump=integers(), range_min=vector(), range_max=vector(),
+        jump=integers(), ahead=integers(), range_min=vector(), range_max=vector(),
         q=vector(), q_before=vector(), v=vector(), observed=vector(), unmodelled=vector(),
         v_seen=vector(), lag=vector(), lag_rate=vector(),
         q_ref=vector(), v_ref=vector(), a_ref=vector(), work=dynamics_work(n),

@@ -68,7 +68,8 @@ def test_a_counter_is_followed_through_any_number_of_wraps(start, steps) -> None
     position = start
     for step in steps:
         position += step
-        assert unwrap_counts(np.array([count_word(position)]), raw, counts, np.array([32767])) == -1
+        words, ahead = np.array([count_word(position)]), np.zeros(1, dtype=np.int64)
+        assert unwrap_counts(words, raw, counts, np.array([32767]), ahead) == -1
         assert counts[0] == position
 
 

@@ -15,6 +15,7 @@ from qrobot.hwif.registers import (
 from qrobot.modecodes import Mode
 from qrobot.model.transmission import (
     counts_to_joint,
+    joint_to_counts,
     signed_word,
     unwrap_counts,
 )
@@ -101,15 +102,29 @@ def read_encoders(params: ServoParameters, state: ServoState) -> None:
     periods = max(1, (since_ns + params.period_ns // 2) // params.period_ns)
     state.read_ns = state.image[IMAGE_T_NS]
     state.sample_dt += since_ns * 1e-9
+    expect_counts(params, state)
     for j in range(state.raw.size):
         state.jump[j] = params.jump_counts[j] * periods
-    joint = unwrap_counts(words, state.raw, state.counts, state.jump)
+    joint = unwrap_counts(words, state.raw, state.counts, state.jump, state.ahead)
     if joint == NO_JOINT:
         state.glitches = 0
         return
     state.glitches += 1
     if state.glitches >= GLITCHES_TO_FAULT:
         report_fault(state, ENC_JUMP, joint)
+
+
+@lean_kernel
+def expect_counts(params: ServoParameters, state: ServoState) -> None:
+    """How far ahead of its last good reading each motor is expected: by what its joint was carried on since it was held
+    back, else not at all."""
+    if state.glitches == 0 or state.unseen == 0:
+        for j in range(state.ahead.size):
+            state.ahead[j] = 0
+        return
+    joint_to_counts(state.q, params.transmission, state.ahead)
+    for j in range(state.ahead.size):
+        state.ahead[j] -= state.counts[j]
 
 
 @lean_kernel

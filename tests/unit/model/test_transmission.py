@@ -183,9 +183,16 @@ def test_words_are_signed_numbers(word: int, number: int) -> None:
 
 def test_a_jump_is_held_back_and_named_and_the_other_joints_go_on() -> None:
     raw, counts = np.array([10, 65530, 100]), np.array([10, -6, 100])
-    limit = np.array([50, 50, 50])
-    assert unwrap_counts(np.array([20, 4, 900]), raw, counts, limit) == 2
+    limit, ahead = np.array([50, 50, 50]), np.zeros(3, dtype=np.int64)
+    assert unwrap_counts(np.array([20, 4, 900]), raw, counts, limit, ahead) == 2
     assert list(counts) == [20, 4, 100]
     assert list(raw) == [20, 4, 100]
-    assert unwrap_counts(np.array([20, 4, 101]), raw, counts, limit) == -1
+    assert unwrap_counts(np.array([20, 4, 101]), raw, counts, limit, ahead) == -1
     assert list(counts) == [20, 4, 101]
+
+
+def test_a_jump_is_judged_from_where_the_motor_is_expected() -> None:
+    raw, counts, limit = np.array([0, 0, 0]), np.array([0, 0, 0]), np.array([50, 50, 50])
+    ahead = np.array([100, -100, 100])
+    assert unwrap_counts(np.array([150, 65536 - 150, 49]), raw, counts, limit, ahead) == 2
+    assert list(counts) == [150, -150, 0]

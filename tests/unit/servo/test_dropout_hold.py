@@ -130,6 +130,21 @@ def test_a_joint_held_back_as_a_glitch_is_carried_on_as_well() -> None:
     np.testing.assert_array_equal(bench.snapshot.q, counted(bench))
 
 
+@pytest.mark.parametrize("rate_hz", [250.0, 1000.0, 4000.0])
+@pytest.mark.parametrize("joint", range(6))
+@pytest.mark.parametrize("slip", [-30_000, -700, 700, 30_000])
+def test_two_bad_readings_of_a_joint_at_full_speed_are_carried_over(rate_hz: float, joint: int, slip: int) -> None:
+    bench = ServoBench(rate_hz=rate_hz)
+    moving(bench, speed=0.97 * bench.robot.limits.v_max[joint], joint=joint, seconds=0.4)
+    bench.slip = {joint: slip}
+    bench.tick(2)
+    assert np.all(bench.rows()["flags"][-2:] & FLAG_UNSEEN)
+    bench.slip = {}
+    bench.tick()
+    assert bench.mode is Mode.TRACKING
+    np.testing.assert_array_equal(bench.snapshot.q, counted(bench))
+
+
 def test_a_joint_driven_by_torque_goes_on_at_its_speed() -> None:
     bench = ServoBench()
 
