@@ -116,8 +116,8 @@ def read_encoders(params: ServoParameters, state: ServoState) -> None:
 
 @lean_kernel
 def expect_counts(params: ServoParameters, state: ServoState) -> None:
-    """How far ahead of its last good reading each motor is expected: by what its joint was carried on since it was held
-    back, else not at all."""
+    """Tell how far ahead of its last good reading each motor is expected: by what its joint was carried on since it was
+    held back, else not at all."""
     if state.glitches == 0 or state.unseen == 0:
         for j in range(state.ahead.size):
             state.ahead[j] = 0
