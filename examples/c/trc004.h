@@ -118,11 +118,14 @@ static inline int trc004_claim(int fd)
     return fcntl(fd, F_SETLK, &first);
 }
 
-/* Find the board of an arm. Returns 0, or -1 with a line on stderr that says why not. */
+static inline void trc004_look(struct trc004 *board, int64_t since_ns);
+
+/* Find the board of an arm, and its first image. Returns 0, or -1 with a line on stderr that says why not. */
 static inline int trc004_open(struct trc004 *board, const char *arm)
 {
     char name[128];
     struct stat file;
+    int64_t since;
     int fd;
 
     memset(board, 0, sizeof *board);
@@ -161,7 +164,16 @@ static inline int trc004_open(struct trc004 *board, const char *arm)
         trc004_close(board);
         return -1;
     }
-    board->seen_ns = trc004_now_ns();
+    since = board->seen_ns = trc004_now_ns();
+    while (board->image[TRC004_IMAGE_COUNT] == 0) { /* it begins, or writes just now */
+        trc004_look(board, since);
+        if (board->lost) {
+            fprintf(stderr, "the board of %s shows nothing: does it still run?\n", arm);
+            trc004_close(board);
+            return -1;
+        }
+        trc004_pause();
+    }
     return 0;
 }
 

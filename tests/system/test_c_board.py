@@ -17,7 +17,8 @@ import pytest
 from qrobot.config import load_robot
 from qrobot.errors import LinkBusy
 from qrobot.hwif import board_memory, image, operations, registers
-from qrobot.hwif.board_memory import BOARD_MEMORY, PANEL_MICRO, Lane
+from qrobot.hwif.board_memory import BOARD_MEMORY, PANEL_MICRO, Lane, create_board_memory, publish_image
+from qrobot.hwif.image import IMAGE_WORDS
 from qrobot.hwif.memory_bus import board_memory_bus
 from qrobot.hwif.registers import DAC, DAC_ZERO, DISCRETE, DISCRETE_CALIBRATED, DISCRETE_POWER
 from qrobot.hwif.trace import read_trace
@@ -212,6 +213,20 @@ def test_a_board_has_one_controller_whoever_comes_first(program: Path, arm: str,
     bus.connect()  # free again
     bus.close()
     assert not server.emulator.powered
+
+
+@needs_compiler
+@pytest.mark.parametrize("writes", [False, True])
+def test_nothing_is_taken_for_the_first_image_of_a_board_that_begins_or_writes_just_now(
+    program: Path, arm: str, writes: bool
+) -> None:
+    with create_board_memory(arm) as segment:
+        if writes:
+            publish_image(segment.memory, np.ones(IMAGE_WORDS, np.int64))
+            segment.memory.shown.sequence += 1
+        with start(program, arm) as process:
+            assert process.communicate()[1] == f"the board of {arm} shows nothing: does it still run?\n"
+    assert process.returncode == 1
 
 
 @needs_compiler
