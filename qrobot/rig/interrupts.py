@@ -1,4 +1,4 @@
-"""Interrupts that wait until what must not be torn apart is done."""
+"""Interrupts: those that end what they find, wait until it must not be torn apart any more, or do not count."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def interrupted_by_signals() -> Iterator[None]:
     before = {number: signal.getsignal(number) for number in INTERRUPTS[1:]}
     for number, handler in before.items():
         if handler is not signal.SIG_IGN:  # nohup has ignored SIGHUP
-            signal.signal(number, interrupt)
+            signal.signal(number, signal.default_int_handler)
     try:
         yield
     finally:
@@ -46,6 +46,12 @@ def interrupted_by_signals() -> Iterator[None]:
             signal.signal(number, handler)
 
 
-def interrupt(_number: int, _frame: FrameType | None) -> None:
-    """Handler of a signal: do as Ctrl-C does."""
-    raise KeyboardInterrupt
+@contextmanager
+def interrupts_ignored() -> Iterator[None]:
+    """Ctrl-C, SIGTERM and SIGHUP are lost. From the main thread."""
+    before = {number: signal.signal(number, signal.SIG_IGN) for number in INTERRUPTS}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

@@ -19,14 +19,14 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
-from typing import IO, Any
+from typing import IO
 
 from qrobot.errors import LinkBusy, LinkError, LinkTimeout, QRobotError
 from qrobot.hwif.board_memory import attach_board_memory
 from qrobot.realtime.shared_memory import SharedMemory, discard_dead
 from qrobot.realtime.startup_order import TURN_VARIABLE
 from qrobot.realtime.supervised import Supervision
-from qrobot.rig.interrupts import interrupt, interrupts_deferred
+from qrobot.rig.interrupts import interrupted_by_signals, interrupts_deferred, interrupts_ignored
 from qrobot.servo.memory.servo_memory import ServoFront, attach_servo_memory
 
 START_PATIENCE_S = 400.0  # a first start compiles everything, perhaps on a busy machine
@@ -111,7 +111,7 @@ class ProcessRig:
     def __init__(self, directory: Path) -> None:
         self.directory = directory
         self.children: dict[str, Child] = {}
-        self._handlers: dict[int, Any] = {}
+        self._interrupted = contextlib.ExitStack()
         self._supervision = Supervision()
         directory.mkdir(parents=True, exist_ok=True)
 
@@ -186,23 +186,14 @@ class ProcessRig:
         return Child(plan, process, self._output(plan), os.fdopen(turn, "wb", buffering=0))
 
     def __enter__(self) -> ProcessRig:
-        numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-        self._handlers = {number: signal.getsignal(number) for number in numbers}
-        for number in numbers[1:]:
-            if self._handlers[number] is not signal.SIG_IGN:  # nohup has ignored SIGHUP
-                signal.signal(number, interrupt)
+        self._interrupted.enter_context(interrupted_by_signals())
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        for number in self._handlers:
-            signal.signal(number, signal.SIG_IGN)
-        try:
+        with self._interrupted, interrupts_ignored():
             self.close()
-        finally:
-            for number, handler in self._handlers.items():
-                signal.signal(number, handler)
 
 
 def _wait_for(child: Child, ready: Callable[[], bool]) -> None:

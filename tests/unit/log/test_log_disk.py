@@ -79,12 +79,17 @@ def test_the_motion_is_the_same_to_the_last_bit_while_the_disk_refuses_every_byt
     assert log.rows.size + log.status.lost == rig.rows().size
 
 
+def of_little_memory(path: Path, monkeypatch: pytest.MonkeyPatch) -> tuple[Ring, LogRecorder]:
+    """A ring, and its recorder, which keeps 50 kB for a disk that is full."""
+    monkeypatch.setattr("qrobot.log.record.BACKLOG_BYTES", 50_000)
+    ring = Ring(1024)
+    return ring, LogRecorder(ring.reader(), LogWriter(path, make_header()))
+
+
 def test_rows_that_a_full_disk_leaves_in_the_ring_at_the_end_are_counted_as_lost(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("qrobot.log.record.BACKLOG_BYTES", 50_000)
-    ring = Ring(1024)
-    recorder = LogRecorder(ring.reader(), LogWriter(tmp_path / "run.mcap", make_header()))
+    ring, recorder = of_little_memory(tmp_path / "run.mcap", monkeypatch)
     FullDisk(monkeypatch, room=0)
     for i in range(5):
         ring.append(make_rows(500, first=500 * i))
@@ -98,9 +103,7 @@ def test_rows_that_a_full_disk_leaves_in_the_ring_at_the_end_are_counted_as_lost
 def test_memory_does_not_grow_while_a_disk_stays_full_over_hours(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("qrobot.log.record.BACKLOG_BYTES", 50_000)
-    ring = Ring(1024)
-    recorder = LogRecorder(ring.reader(), LogWriter(tmp_path / "run.mcap", make_header()))
+    ring, recorder = of_little_memory(tmp_path / "run.mcap", monkeypatch)
     disk = FullDisk(monkeypatch, room=0)
     polls = iter(range(100_000))
 
