@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import logging
 import threading
 from collections.abc import Callable
 from queue import SimpleQueue
@@ -50,3 +51,19 @@ class QueuedReport:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.close()
+
+
+class ReportHandler(logging.Handler):
+    """Tells what this process logs, its libraries included, to a report in place of stderr."""
+
+    def __init__(self, report: Report) -> None:
+        super().__init__()
+        self._report = report
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Tell one record, as it came where its words and values do not fit together."""
+        try:
+            line = self.format(record)
+        except (TypeError, ValueError, KeyError):
+            line = f"{record.msg} {record.args}"
+        self._report(line)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from qrobot.cli.arms import DEFAULT_DEPLOYMENT, choose_arm, robot_of_arm
 from qrobot.cli.console import note
 from qrobot.cli.option_types import Port
+from qrobot.report import QueuedReport, ReportHandler
 
 if TYPE_CHECKING:
     from qrobot.config.bridge import LinkChoice
@@ -42,26 +43,27 @@ def bridge(deployment: str = DEFAULT_DEPLOYMENT, *, arm: str | None = None, port
 
     chosen = choose_arm(deployment, arm)
     robot, choice = robot_of_arm(chosen), chosen.bridge
-    logging.basicConfig(level=logging.INFO, format="%(message)s")
     settings = BridgeSettings(
         choice.host,
         choice.port if port is None else port,
         round(choice.period_ms * 1000),
         link=_maybe_link(choice.link),
     )
-    warm_up()
-    freeze_garbage()  # a search among all modules' objects would hold up frames
-    await_turn()
-    set_fifo(PRIORITY)  # frames keep their beat beside busy ordinary programs; refused without the right to it
-    run_bridge(
-        ServoPort(chosen.name, robot.name, robot.n, PayloadJudge(robot)),
-        settings,
-        lambda host, number: note(
-            f"bridge of {chosen.name} ({robot.name}) listens on {host}:{number}{_by_link(settings.link)}"
-        ),
-        Authority(chosen.name),
-    )
-    leave_fifo()
+    with QueuedReport(note) as told:  # its thread begins here, at the priority of an ordinary program
+        logging.basicConfig(level=logging.INFO, format="%(message)s", handlers=[ReportHandler(told)])
+        warm_up()
+        freeze_garbage()  # a search among all modules' objects would hold up frames
+        await_turn()
+        set_fifo(PRIORITY)  # frames keep their beat beside busy ordinary programs; refused without the right to it
+        run_bridge(
+            ServoPort(chosen.name, robot.name, robot.n, PayloadJudge(robot)),
+            settings,
+            lambda host, number: told(
+                f"bridge of {chosen.name} ({robot.name}) listens on {host}:{number}{_by_link(settings.link)}"
+            ),
+            Authority(chosen.name),
+        )
+        leave_fifo()
 
 
 def _maybe_link(choice: LinkChoice | None) -> IsolatedLink | None:

@@ -46,6 +46,10 @@ class _Look:
             self.over, self.error = True, error
 
 
+class _SampleThread(threading.Thread):
+    """A thread that answers the STATEs of one robot: it waits for none, lest its own go unanswered."""
+
+
 class ThreadDriver:
     """See `SampleDriver`: time passes by itself, and a thread answers every STATE. See `driver_for`."""
 
@@ -63,7 +67,7 @@ class ThreadDriver:
         self._sampled = lock or threading.Condition()
         self._shared = lock is not None  # others wait for it
         self._over = False
-        self._thread = threading.Thread(target=self._run, name=name, daemon=True)
+        self._thread = _SampleThread(target=self._run, name=name, daemon=True)
         self._looking = 0  # waits that look themselves
         self._looks: list[_Look] = []  # that the thread takes
 
@@ -88,7 +92,7 @@ class ThreadDriver:
         A program that is woken at each sample needs the interpreter for a moment, and may lose the processor meanwhile:
         then the thread waits for both.
         """
-        if threading.current_thread() is self._thread:
+        if isinstance(threading.current_thread(), _SampleThread):
             raise MotionError(NO_WAIT)
         with self._sampled:
             if ours:

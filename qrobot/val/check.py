@@ -29,7 +29,7 @@ from qrobot.val.signal_lines import SignalLines
 from qrobot.val.signatures import expressions_in, parts_of, wanted_kinds
 from qrobot.val.source import SourceFile, read_source
 from qrobot.val.structure import jumps_of
-from qrobot.val.values import JointLocation, Transformation, ValValue, stored_location
+from qrobot.val.values import JointLocation, Transformation, ValValue, check_joint_count, stored_location
 from qrobot.val.vocabulary import (
     ANALOG_OUTPUTS,
     INPUTS,
@@ -134,7 +134,7 @@ class _Checker:
         return stored | parameters | self._changed | {*LOCATION_VALUES, *NUMBER_VALUES}
 
     def _mistakes_of(self, action: tree.StepAction) -> Iterator[ProgramError]:
-        looks = self._words, self._calls, self._signals, self._analog, self._places, self._values
+        looks = self._words, self._calls, self._signals, self._analog, self._joints, self._places, self._values
         found = [error for look in looks for error in look(action)]
         yield from found or self._expressions(action)
 
@@ -156,6 +156,15 @@ class _Checker:
                     self._known.add(part.name)
                     what = f"{part.name} has no value: no program gives it one, and the file holds none"
                     yield ProgramError(what, column=part.column)
+
+    def _joints(self, action: tree.StepAction) -> Iterator[ProgramError]:
+        """Precision points of another arm."""
+        for part in (part for expression in expressions_in(action) for part in parts_of(expression)):
+            if isinstance(part, tree.FunctionCall) and part.name == "#PPOINT":
+                try:
+                    check_joint_count(part.name, len(part.arguments), self.robot)
+                except ProgramError as error:
+                    yield ProgramError(error.what, column=part.column)
 
     def _expressions(self, action: tree.StepAction) -> Iterator[ProgramError]:
         """Values of the wrong kind, and literal ones that cannot be computed or are none that the step takes.

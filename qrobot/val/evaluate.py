@@ -217,9 +217,7 @@ def _called(call: tree.FunctionCall, around: Surroundings) -> ValValue:  # noqa:
     if call.name == "TRANS":
         return transformation((*numbers, *[0.0] * (6 - len(numbers))))
     if call.name == "#PPOINT":
-        if len(numbers) != around.robot.n:
-            raise ProgramError(f"{around.robot.name} has {around.robot.n} joints, not 6", column=call.column)
-        return joint_location(numbers, around.robot)
+        return joint_location(call.name, numbers, around.robot)
     return around.number_function(call.name, numbers)
 
 

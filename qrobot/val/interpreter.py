@@ -193,6 +193,11 @@ class Interpreter:
         self.machine.arm.stop()
         self.machine.forget_destination()
 
+    def give_up_motions(self) -> None:
+        """Let the arm come to rest; the motions that were under way count as ended, for PROCEED too."""
+        self.stop_arm()
+        self.machine.arm.unfinished()
+
     def pause(self, why: str) -> None:
         """Stop between steps; `proceed` goes on."""
         self.state, self.message = RunState.PAUSED, why
@@ -412,13 +417,8 @@ class Interpreter:
     def _call_reaction(self, task: ValTask, watch: Watch) -> None:
         task.interrupt(watch.program, watch.priority)
         if watch.at_once and task.moves:
-            self.stop_arm()
-            task.doing = self._stopped()
-
-    def _stopped(self) -> Waits:
-        """Wait until the arm stands; the motions that were stopped count as ended."""
-        yield lambda: self.machine.arm.idle
-        self.machine.arm.unfinished()
+            self.give_up_motions()
+            task.doing = iter((lambda: self.machine.arm.idle,))
 
     def _blame(self, task: ValTask, error: QRobotError) -> None:
         """An error of a step: with its place; REACTE's program is called, or everything stops."""

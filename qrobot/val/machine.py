@@ -215,9 +215,15 @@ class Machine:
         """Pose in the world that the tool is going to, or has. Shape (4, 4)."""
         return self.space.tool_at(self.arm.q) if self._dest is None else self._dest
 
-    def go(self, name: str, location: Transformation | JointLocation, straight: bool) -> None:
-        """Queue a motion with the speed and the configuration that were asked for. Raises MotionError, ProgramError."""
-        speed, in_mm_s = self.next_speed or (self.speed, self.in_mm_s)
+    def go(
+        self, name: str, location: Transformation | JointLocation, straight: bool, per_cent: float | None = None
+    ) -> None:
+        """Queue a motion with its own speed or that which was asked for, and the configuration.
+
+        Raises MotionError, ProgramError; what was asked for then stays for the next one.
+        """
+        asked = self.next_speed or (self.speed, self.in_mm_s)
+        speed, in_mm_s = asked if per_cent is None else (per_cent, False)
         letters = self._letters(straight)
         pose = self.pose_of(location)
         q = location.q if isinstance(location, JointLocation) else None

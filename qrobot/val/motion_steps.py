@@ -44,10 +44,16 @@ def _behind(T: Any, mm: float) -> Any:
     return T @ transform(translation=np.array([0.0, 0.0, -M_PER_MM * mm]))
 
 
-def _go(run: Interpreter, name: str, location: Transformation | JointLocation, straight: bool) -> Waits:
+def _go(
+    run: Interpreter,
+    name: str,
+    location: Transformation | JointLocation,
+    straight: bool,
+    per_cent: float | None = None,
+) -> Waits:
     """Queue a motion, and wait until it begins: then the arm has passed the place before it."""
     machine, arm = run.machine, run.machine.arm
-    machine.go(name, location, straight)
+    machine.go(name, location, straight, per_cent)
     yield lambda: arm.waiting == 0
     if (hand := machine.hand_at_next) is not None:
         machine.hand_at_next = None
@@ -63,8 +69,7 @@ def _drive(run: Interpreter, task: ValTask, *numbers: tree.Expression) -> Waits:
     yield from wait_for_arrival(run, task)
     q = machine.arm.q
     q[axis] += by * joint_units(machine.robot)[axis]
-    machine.next_speed = (number_ranges.SPEED.check(speed), False)
-    yield from _go(run, "DRIVE", JointLocation(q), False)
+    yield from _go(run, "DRIVE", JointLocation(q), False, number_ranges.SPEED.check(speed))
 
 
 def _align(run: Interpreter, _task: ValTask) -> Waits:
@@ -91,9 +96,8 @@ def wait_for_arrival(run: Interpreter, _task: ValTask) -> Waits:
 
 
 def _brake(run: Interpreter, _task: ValTask) -> Waits:
-    run.stop_arm()
+    run.give_up_motions()
     yield lambda: run.machine.arm.idle
-    run.machine.arm.unfinished()
 
 
 def _hand(opened: bool, now: bool) -> Callable[..., Waits]:

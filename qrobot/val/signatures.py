@@ -20,7 +20,7 @@ from qrobot.val.vocabulary import (
     UNSUPPORTED_FUNCTIONS,
 )
 
-OPEN_ENDED: Final = {"SIG", "SIGNAL"}  # one number or more
+OPEN_ENDED: Final = {"SIG", "SIGNAL", "#PPOINT"}  # one number or more
 _SIGNATURES: Final = INSTRUCTIONS | MANNERS
 _FUNCTIONS: Final = NUMBER_FUNCTIONS | LOCATION_FUNCTIONS
 

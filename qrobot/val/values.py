@@ -78,18 +78,21 @@ def joint_units(robot: Robot) -> Floats:
     return np.where(robot.prismatic, M_PER_MM, RAD_PER_DEG)
 
 
-def joint_location(degrees: Sequence[float], robot: Robot) -> JointLocation:
-    """A precision point of joints in degrees (mm on a sliding joint)."""
+def check_joint_count(what: str, count: int, robot: Robot) -> None:
+    """Raise ProgramError when a precision point has not as many numbers as the arm has joints."""
+    if count != robot.n:
+        raise ProgramError(f"{what}: {robot.name} has {robot.n} joints, not {count}")
+
+
+def joint_location(what: str, degrees: Sequence[float], robot: Robot) -> JointLocation:
+    """A precision point of joints in degrees (mm on a sliding joint). Raises ProgramError: not those of this arm."""
+    check_joint_count(what, len(degrees), robot)
     return JointLocation(np.array(within_reason(degrees), dtype=np.float64) * joint_units(robot))
 
 
 def stored_location(name: str, numbers: Sequence[float], robot: Robot) -> Transformation | JointLocation:
     """The location of numbers that a file holds. Raises ProgramError: they are not those of one of this arm."""
-    if not name.startswith("#"):
-        return transformation(numbers)
-    if len(numbers) != robot.n:
-        raise ProgramError(f"location {name}: {robot.name} has {robot.n} joints, not {len(numbers)}")
-    return joint_location(numbers, robot)
+    return joint_location(f"location {name}", numbers, robot) if name.startswith("#") else transformation(numbers)
 
 
 def stored_numbers(value: Transformation | JointLocation, robot: Robot) -> tuple[float, ...]:

@@ -141,13 +141,13 @@ NUMBER_FUNCTIONS: Final[dict[str, tuple[str, ...]]] = {
     "DCB": ("number",),
     "RANDOM": (),
 }
-"""SIG takes any number of numbers."""
+"""SIG takes any number of numbers, #PPOINT as many as the arm has joints."""
 
 LOCATION_FUNCTIONS: Final[dict[str, tuple[str, ...]]] = {
     "TRANS": ("number?", "number?", "number?", "number?", "number?", "number?"),
     "FRAME": ("location", "location", "location", "location"),
     "INVERSE": ("location",),
-    "#PPOINT": ("number", "number", "number", "number", "number", "number"),
+    "#PPOINT": ("number",),
 }
 LOCATION_CHANGES: Final[dict[str, tuple[str, ...]]] = {"SHIFT": ("number?", "number?", "number?"), "SCALE": ("number",)}
 LOCATION_VALUES: Final = frozenset({"here", "dest", "null", "tool", "base"})

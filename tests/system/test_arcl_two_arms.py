@@ -52,11 +52,15 @@ sys.exit(run_served(Path(sys.argv[1]), sys.argv[2:], [no_rccl, ArclDispatcher]))
 IN_PYTHON = """
 import sys
 from qrobot.arcl import *
-told = [0, 0]
+from qrobot.errors import MotionError
+told, refusals = [0, 0], set()
 def teller(i):
     def tell(feedback):
         told[i] += 1
-        arms[1 - i].override(50.0)
+        try:
+            {told}
+        except MotionError as refusal:
+            refusals.add(str(refusal))
     return tell
 arms = [arcl_open(ARCL_BRIDGE, place, ARCL_PERIOD, 20.0, 0) for place in sys.argv[1:]]
 for i, arm in enumerate(arms):
@@ -65,7 +69,7 @@ for arm in arms:
     arcl_wait(arm)
 for arm in arms:
     arcl_close(arm)
-print("both moved" if min(told) > 150 else "too few samples")
+print("both moved" if min(told) > 150 else "too few samples", *refusals)
 """
 
 
@@ -84,7 +88,13 @@ def said_on_two_arms(*words: str) -> str:
 
 
 def test_functions_of_two_arms_in_python_tell_each_other_something() -> None:
-    assert said_on_two_arms("-c", IN_PYTHON) == "both moved\n"
+    assert said_on_two_arms("-c", IN_PYTHON.format(told="arms[1 - i].override(50.0)")) == "both moved\n"
+
+
+def test_a_function_of_one_arm_cannot_wait_for_another_one() -> None:
+    """The samples of its own arm would wait with it."""
+    said = said_on_two_arms("-c", IN_PYTHON.format(told="arcl_wait(arms[1 - i])"))
+    assert said.startswith("both moved a function that is called at each sample must not wait")
 
 
 @needs_compiler

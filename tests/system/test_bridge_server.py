@@ -15,12 +15,14 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import replace
 from itertools import product
+from pathlib import Path
 
 import pytest
 
+from qrobot.config.deployment import load_deployment
 from qrobot.errors import ConfigError, LinkBusy, LinkError
 from qrobot.rccl_bridge import BridgeServer, BridgeSettings
 from qrobot.rccl_bridge.listener import PreciseSelector
@@ -32,6 +34,7 @@ from tests.support.bridge import COMMANDER, OBSERVER, Bridge, Client
 from tests.support.fake_port import FakePort
 from tests.support.flood import flood
 from tests.support.patience import PATIENCE_S, wait_until
+from tests.support.processes import FIRST_START_S, qrobot, write_deployment
 
 
 def move_to(q: float, seq: int) -> Command:
@@ -321,3 +324,33 @@ def test_the_process_ends_cleanly_on_a_signal(number: int) -> None:
         client.socket.close()
         assert process.stdout.read().split() == ["stop", "ended"]
         assert process.wait(PATIENCE_S) == 0
+
+
+@pytest.mark.realtime
+def test_a_terminal_that_is_held_holds_up_no_client(tmp_path: Path) -> None:
+    (arm,) = load_deployment(write_deployment(tmp_path)).arm
+    address = arm.bridge.host, arm.bridge.port
+    source, sink = os.pipe()
+    fill(sink)
+    with qrobot("bridge", tmp_path / "arms.toml", stderr=sink) as process, open(source, "rb") as terminal:
+        os.close(sink)
+        wait_until(lambda: token_for(*address), "the bridge's token", FIRST_START_S)
+        for _ in range(2):
+            with Client(address) as client:
+                client.join(replace(OBSERVER, auth=token_for(*address)))
+                client.say(Bye())
+                assert client.hear() is None
+        process.terminate()
+        told = terminal.read().lstrip(b"\0").decode()
+    assert process.returncode == 0
+    assert f"listens on {address[0]}:{address[1]}" in told
+
+
+def fill(pipe: int) -> None:
+    """Write until the next byte would wait for somebody to read."""
+    os.set_blocking(pipe, False)
+    for size in (65_536, 1):
+        with suppress(BlockingIOError):
+            while True:
+                os.write(pipe, bytes(size))
+    os.set_blocking(pipe, True)

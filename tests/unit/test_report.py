@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import errno
+import logging
 import threading
 from dataclasses import dataclass, field
 
 import pytest
 
-from qrobot.report import KEPT_LINES, QueuedReport
+from qrobot.report import KEPT_LINES, QueuedReport, ReportHandler
 from tests.support.patience import PATIENCE_S, wait_until
 
 
@@ -67,3 +68,12 @@ def test_a_line_that_cannot_be_written_is_lost_and_the_next_one_is_tried(error: 
         told("one")
         told("two")
     assert terminal.taken == ["one", "two"]
+
+
+def test_what_a_process_logs_is_told_also_where_words_and_values_do_not_fit_together() -> None:
+    told: list[str] = []
+    log = logging.Logger("some library")
+    log.addHandler(ReportHandler(told.append))
+    log.info("%s has gone", "127.0.0.1:5")
+    log.info("%d has gone", "no number")
+    assert told == ["127.0.0.1:5 has gone", "%d has gone ('no number',)"]

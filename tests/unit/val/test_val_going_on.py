@@ -63,6 +63,12 @@ def test_steps_that_are_typed_take_no_speed_configuration_or_hand_of_a_paused_pr
         assert machine.next_speed is None
 
 
+def test_a_drive_that_is_refused_leaves_its_speed_to_nobody() -> None:
+    with interpreter(main_program("SPEED 20", "DRIVE 1, 9000, 5", "MOVE a", rest=PLACES)) as (run, _):
+        assert run.execute("main") is RunState.FAILED
+        assert run.machine.next_speed == (20.0, False)
+
+
 def test_a_program_that_cannot_begin_leaves_the_speed_of_a_paused_one() -> None:
     with interpreter(main_program("SPEED 10 ALWAYS", "LEFTY", "PAUSE", "MOVE a", rest=PLACES)) as (run, _):
         assert run.execute("main") is RunState.PAUSED

@@ -490,7 +490,7 @@ POSES = st.tuples(LENGTHS, LENGTHS, LENGTHS, TURNS, TURNS, TURNS).map(transforma
 STORED = st.one_of(
     POSES,
     st.tuples(POSES, POSES).map(lambda two: Transformation(two[0].T @ two[1].T)),
-    st.lists(TURNS, min_size=6, max_size=6).map(lambda degrees: joint_location(degrees, ROBOT)),
+    st.lists(TURNS, min_size=6, max_size=6).map(lambda degrees: joint_location("#p", degrees, ROBOT)),
 )
 
 
@@ -503,7 +503,7 @@ def test_a_location_that_is_stored_is_the_same_when_it_is_read_and_stored_again(
     source, errors = read_source(text)
     assert errors == []
     numbers = source.locations[name]
-    back = joint_location(numbers, ROBOT) if isinstance(value, JointLocation) else transformation(numbers)
+    back = joint_location("#p", numbers, ROBOT) if isinstance(value, JointLocation) else transformation(numbers)
     assert np.abs(np.ravel(_array(back) - _array(value))).max() < 1e-9
     assert print_source(SourceFile(locations={name: stored_numbers(back, ROBOT)})) == text
 

@@ -115,3 +115,29 @@ def test_a_signal_stops_the_motion_of_a_single_step() -> None:
         assert "at step 1 of program r" in told
         assert 0.0 < _number(run, "where") < 50.0
         assert run.machine.frame("here")[1, 3] > 0.0
+
+
+@pytest.mark.parametrize("library", ["rccl", "arcl"])
+@pytest.mark.parametrize("lines", [("REACTI 2001, r, 5", *TO_B), (*TO_B, "WAIT DISTANCE(HERE, b) < 200", "BRAKE")])
+def test_a_motion_that_a_program_has_stopped_stays_given_up_behind_ctrl_c(lines: tuple[str, ...], library: str) -> None:
+    with interpreter(main_program(*lines, "x = 1", rest=WHERE + NEAR_B + PLACES), library=library) as (run, _):
+        arm, stops = run.machine.arm, 0
+        stop, sample = arm.stop, arm.sample
+
+        def stop_and_count() -> None:
+            nonlocal stops
+            stop()
+            stops += 1
+
+        def look() -> None:
+            sample()
+            if stops == 1:
+                raise KeyboardInterrupt
+
+        arm.stop, arm.sample = stop_and_count, look  # type: ignore[method-assign]
+        with pytest.raises(KeyboardInterrupt):
+            run.execute("main")
+        assert run.state is RunState.PAUSED
+        assert run.proceed() is RunState.COMPLETED, run.message
+        assert _number(run, "x") == 1.0
+        assert 0.0 < run.machine.frame("here")[1, 3] < 0.06
