@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from qrobot.errors import MotionError
-from qrobot.motion import Duration, MotionMode, MoveRequest, SpeedShare, Termination
+from qrobot.model.transform import inverse, so3_log
+from qrobot.motion import Duration, MotionMode, MoveRequest, OrientationInterpolation, SpeedShare, Termination
 from tests.support.motion import LIMITS, PERIOD_S, ended, generator, run
 from tests.support.paul import paul_path, samples_of, stretched
 from tests.support.puma import PARK, TOOL, Conveyor, arm, at_park, puma_generator, shift
@@ -146,3 +149,32 @@ def test_a_request_that_was_to_follow_and_is_refused_when_its_turn_comes_lets_th
     assert codes[1][1] is DONE
     assert np.abs(np.diff(path, 2, axis=0)).max() / PERIOD_S**2 < 2.0
     assert arm().forward(path[-1]) == pytest.approx(at_park(shift(y=0.1)).goal().pose(0), abs=1e-9)
+
+
+def turned(corners: list[tuple[float, ...]], interpolation: OrientationInterpolation) -> tuple[int, float, np.ndarray]:
+    """Samples of a program of straight lines to these places, how far the tool turned in all, and where it ended."""
+    gen = puma_generator()
+    for place in corners:
+        goal = at_park(shift(*place)).goal()
+        gen.push(MoveRequest("via", goal, Duration(2.0), 0.2, MotionMode.CARTESIAN, turn=interpolation))
+    path = [PARK, *(output.q for output in run(gen))]
+    steps = [
+        so3_log(np.ascontiguousarray((inverse(arm().forward(a)) @ arm().forward(b))[:3, :3])) for a, b in pairwise(path)
+    ]
+    return len(steps), float(np.linalg.norm(steps, axis=1).sum()), arm().forward(path[-1]) @ TOOL.value
+
+
+@given(
+    st.tuples(*[st.floats(-0.08, 0.08)] * 3),
+    st.tuples(*[st.floats(-0.08, 0.08)] * 3),
+    st.sampled_from([(0.0, 180.0), (60.0, 170.0), (30.0, 180.0), (-60.0, -170.0), (0.0, -180.0), (60.0, -175.0)]),
+    st.sampled_from(list(OrientationInterpolation)),
+)
+@settings(max_examples=12)
+def test_turns_that_are_half_a_turn_and_more_together_go_on_through_their_via_point(here, there, turns, way) -> None:
+    """As long, and no farther, as each of them asks for: from rest at the via point it would take a transition more."""
+    first, second = np.radians(turns)
+    samples, angle, end = turned([(*here, first), (*there, first + second)], way)
+    assert samples == turned([(*here, 0.2), (*there, 0.4)], way)[0]
+    assert angle <= abs(first) + abs(second) + 1e-6
+    assert end == pytest.approx(arm().forward(PARK) @ TOOL.value @ shift(*there, first + second).value, abs=1e-6)

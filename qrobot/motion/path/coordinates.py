@@ -47,8 +47,11 @@ class Coordinates(Protocol):
     def solve_at(self, x: Floats, near: Floats) -> Floats:
         """Solve as `solve_next` does, anywhere on the way, without going there; the arm would come from `near` (n,)."""
 
-    def from_joints(self, points: History) -> History:
-        """Coordinates of joint positions, as far as the goal was seen at their samples."""
+    def from_joints(self, points: History, near: Floats) -> History:
+        """Coordinates of joint positions, as far as the goal was seen at their samples.
+
+        Where several are of one place those are meant that are nearest to `near` (m,).
+        """
 
 
 class JointCoordinates:
@@ -64,11 +67,11 @@ class JointCoordinates:
         """Return them: joints are the coordinates."""
         return x
 
-    def solve_at(self, x: Floats, near: Floats) -> Floats:  # noqa: ARG002 (see Chart)
+    def solve_at(self, x: Floats, near: Floats) -> Floats:  # noqa: ARG002 (see Coordinates)
         """Return them: joints are the coordinates."""
         return x
 
-    def from_joints(self, points: History) -> History:
+    def from_joints(self, points: History, near: Floats) -> History:  # noqa: ARG002 (see Coordinates)
         """Return them: joints are the coordinates."""
         return points
 
@@ -105,7 +108,7 @@ class GoalRelativeJoints:
         """See `Coordinates.solve_at`."""
         return self._solve(self._tracker.newest) + x
 
-    def from_joints(self, points: History) -> History:
+    def from_joints(self, points: History, near: Floats) -> History:  # noqa: ARG002 (there is one of each)
         """See `Coordinates.from_joints`."""
         sample = ((tick, q, self._tracker.sample_at(tick)) for tick, q in points)
         return [(tick, q - self._solve(goal)) for tick, q, goal in sample if goal is not None]
@@ -154,20 +157,21 @@ class DriveCoordinates:
         at_goal = drive_between(goal.left, x, self._turn is OrientationInterpolation.TWO_ANGLES, goal.right, d, t6)
         return self._kinematics.inverse(t6, self._branch, near, singular=at_goal)
 
-    def from_joints(self, points: History) -> History:
+    def from_joints(self, points: History, near: Floats) -> History:
         """See `Coordinates.from_joints`."""
         found: list[tuple[float, Floats]] = []
         for tick, q in points:
             if (goal := self._tracker.sample_at(tick)) is not None:
-                near = found[-1][1] if found else None
                 left = goal.drive_to(self._kinematics.forward(q))
-                found.append((tick, drive_parameters(left, near, self._turn)))
+                near = drive_parameters(left, near, self._turn)
+                found.append((tick, near))
         return found
 
 
-def measured(coordinates: Coordinates, points: History, period_s: float) -> Floats:
+def measured(coordinates: Coordinates, points: History, near: Floats, period_s: float) -> Floats:
     """State (3, m) of joint setpoints in the coordinates of `coordinates`: the velocity is relative to the goal's.
 
-    What the papers call the measured velocity at the start of a transition.
+    What the papers call the measured velocity at the start of a transition. Orientations are read off as the arm comes
+    to them on its way past `near` (m,): a via point half a turn before its goal is so on the same side of it as they.
     """
-    return motion_of(coordinates.from_joints(points), period_s)
+    return motion_of(coordinates.from_joints(points, near), period_s)

@@ -205,7 +205,7 @@ class Planner:
         return segment_of(queued.request, geometry, schedule, begin, self._settings.period_s)
 
     def _measured(self, geometry: GeometricPath, points: History) -> Floats:
-        return measured(geometry.coordinates, points, self._settings.period_s)
+        return measured(geometry.coordinates, points, geometry.via, self._settings.period_s)
 
     def _fits(self, segment: Segment, state: Floats, clock: float, near: Floats) -> bool:
         """True when the joints keep their limits in the transitions; not to be known when the goal moves."""

@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import math
 from enum import Enum
+from typing import Final
 
 import numpy as np
 
@@ -24,6 +25,10 @@ from qrobot.arrays import Floats
 from qrobot.model.row_ops import row_of, store_row, times
 from qrobot.model.transform import so3_exp_into, so3_log
 from qrobot.realtime.jit import lean_kernel
+
+_NO_AXIS: Final = 1e-9  # [A] rad: a turn, or what an approach vector lacks of π, whose axis is that of rounding
+_HALF_TURN: Final = 1e-6  # [A] rad, around π
+_COUNTS: Final = 1e-3  # [A] rad, of the π of a half turn
 
 
 class OrientationInterpolation(Enum):
@@ -70,7 +75,8 @@ def drive_parameters(
 ) -> Floats:
     """`drive(drive_parameters(D)) == D`. Shape (6,).
 
-    Of the turns w and w - 2π w/|w| the one that is nearer to that of `near` (6,); so for each angle of two.
+    Of the turns w and w - 2π w/|w| the one that is nearer to that of `near` (6,), else the shorter one; so for each
+    angle of two. Of two half turns that rounding alone tells apart it is always the same one.
     """
     x = np.empty(6)
     x[:3] = D[:3, 3]
@@ -78,9 +84,8 @@ def drive_parameters(
         _read_two_angles(D, x)
     else:
         x[3:] = so3_log(np.ascontiguousarray(D))
-    if near is not None:
-        for part in (slice(3, 6),) if turn is OrientationInterpolation.ONE_AXIS else (slice(3, 5), slice(5, 6)):
-            x[part] = _nearer(x[part], near[part])
+    for part in (slice(3, 6),) if turn is OrientationInterpolation.ONE_AXIS else (slice(3, 5), slice(5, 6)):
+        x[part] = _one_way(x[part]) if near is None else _nearer(x[part], near[part])
     return x
 
 
@@ -88,17 +93,28 @@ def _read_two_angles(D: Floats, x: Floats) -> None:
     """Fill w: what turns z into the approach vector, and the turn about that which is left."""
     sine = math.hypot(D[0, 2], D[1, 2])
     theta = math.atan2(sine, D[2, 2])
-    share = theta / sine if sine > 0.0 else 1.0  # at θ = π any axis will do; x is taken
+    share = theta / sine if sine > 0.0 else 1.0  # near θ = 0 and π any axis will do; x is taken
     x[3], x[4], x[5] = -share * D[1, 2], share * D[0, 2], 0.0
-    if sine == 0.0:
-        x[3] = theta
+    if sine < _NO_AXIS and theta > 1.0:
+        x[3], x[4] = theta, 0.0
     here = drive(x, OrientationInterpolation.TWO_ANGLES)
     x[5] = math.atan2(here[:3, 1] @ D[:3, 0], here[:3, 0] @ D[:3, 0])
 
 
 def _nearer(w: Floats, near: Floats) -> Floats:
-    angle = float(np.linalg.norm(w))
-    if angle < 0.5 * math.pi:
-        return w
-    other = w * (1.0 - 2.0 * math.pi / angle)
+    other = _other_way(w)
     return other if np.linalg.norm(other - near) < np.linalg.norm(w - near) else w
+
+
+def _one_way(w: Floats) -> Floats:
+    """A half turn by its axis whose first component that counts is positive; any other turn as it is."""
+    if float(np.linalg.norm(w)) < math.pi - _HALF_TURN:
+        return w
+    first = next(component for component in w if abs(component) > _COUNTS)
+    return w if first > 0.0 else _other_way(w)
+
+
+def _other_way(w: Floats) -> Floats:
+    """The same turn about the opposite axis; itself where it has no axis."""
+    angle = float(np.linalg.norm(w))
+    return w if angle < _NO_AXIS else w * (1.0 - 2.0 * math.pi / angle)

@@ -10,7 +10,7 @@ import pytest
 
 from qrobot.errors import MotionError
 from qrobot.model.transform import inverse, is_transform, so3_exp, transform
-from qrobot.motion import T6, Equation, TransformKind, Trsf
+from qrobot.motion import T6, Equation, OrientationInterpolation, TransformKind, Trsf
 from qrobot.motion.world.drive_transform import drive, drive_parameters
 from qrobot.motion.world.trsf import rigid
 from qrobot.rccl.transforms import Transform
@@ -239,3 +239,14 @@ def test_the_fast_check_of_every_sample_agrees_with_the_thorough_one(spoil) -> N
     mirrored = good @ np.diag([1.0, 1.0, -1.0, 1.0])
     assert [rigid(T) for T in (good, bad, mirrored)] == [is_transform(T) for T in (good, bad, mirrored)]
     assert [rigid(T) for T in (good, bad, mirrored)] == [True, False, False]
+
+
+@pytest.mark.parametrize("turn", list(OrientationInterpolation))
+@pytest.mark.parametrize("axis", np.eye(3))
+def test_half_turns_that_rounding_tells_apart_go_one_way(axis: np.ndarray, turn: OrientationInterpolation) -> None:
+    half_turns = [transform(so3_exp((np.pi + noise) * axis)) for noise in (-1e-12, 0.0, 1e-12)]
+    found = [drive_parameters(D, turn=turn) for D in half_turns]
+    assert np.array(found) == pytest.approx(np.array([found[0]] * 3), abs=1e-6)
+    for D, x in zip(half_turns, found, strict=True):
+        assert drive(x, turn) == pytest.approx(D, abs=1e-9)
+        assert drive_parameters(D, -1.1 * x, turn) == pytest.approx(-x, abs=1e-9)
