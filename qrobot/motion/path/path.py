@@ -91,7 +91,10 @@ class Path:
         self.piece = piece_from_state(state, np.zeros_like(state[1]), clock, length, fading)
 
     def states_ahead(self, moments: Iterator[tuple[float, float, float]]) -> Iterator[Floats]:
-        """States (3, m) at future (path time, rate, slope per sample), if nothing follows the present segment."""
+        """States (3, m) at future (path time, rate, slope per sample), if nothing follows the present segment.
+
+        Of an arm that is on its path: not in a joint stop.
+        """
         final, final_from = self.piece, float("inf")
         if self.segment is not None and not self.phase.ending:
             final_from = self.segment.rest_begin

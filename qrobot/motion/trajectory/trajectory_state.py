@@ -144,9 +144,11 @@ class TrajectoryState:
 
     def end_of_stop(self) -> Floats:
         """Joint positions (n,) where the stop that is under way ends."""
-        path_stop = self._path_stop
-        rest = (self.path.piece.end, 0.0, 0.0) if path_stop is None else path_stop.at(path_stop.length)
-        q: Floats = next(self.path.states_ahead(iter([rest])))[0]
+        if self._path_stop is None:  # a joint stop is a piece of its own
+            state = self.path.state(self.path.piece.end)
+        else:
+            state = next(self.path.states_ahead(iter([self._path_stop.at(self._path_stop.length)])))
+        q: Floats = state[0]
         return q
 
     def points(self) -> History:
