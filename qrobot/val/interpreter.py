@@ -143,7 +143,7 @@ class Interpreter:
         """Give the program up; the arm comes to rest on its path."""
         self._come_to_rest()
         self.machine.arm.unfinished()
-        self.machine.forget_hand()
+        self.machine.forget_next_motion()
         self.task, self._unfinished, self.beside, self._failed = None, [], [], None
         self.state, self.message = RunState.ABORTED, ""
 

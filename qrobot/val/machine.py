@@ -182,13 +182,13 @@ class Machine:
     def reset_manner(self) -> None:
         """Restore the manner in which a program begins: full speed, no configuration asked for, where the arm is."""
         self.speed, self.in_mm_s = 100.0, False
-        self.next_speed: tuple[float, bool] | None = None
-        self.words = ""
-        self.forget_hand()
+        self.forget_next_motion()
         self.forget_destination()
 
-    def forget_hand(self) -> None:
-        """A program has been given up: the next motion does not open or close the hand for it."""
+    def forget_next_motion(self) -> None:
+        """Forget what was asked of the next motion, by a program that has been given up: speed, configuration, hand."""
+        self.next_speed: tuple[float, bool] | None = None
+        self.words = ""
         self.hand_at_next: bool | None = None
         self._aside: tuple[tuple[float, bool] | None, str, bool | None] | None = None
 

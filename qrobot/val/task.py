@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import Final, TypeAlias
+from typing import Final, NamedTuple, TypeAlias
 
 from qrobot.arrays import Floats
 from qrobot.config import Robot
@@ -21,6 +21,15 @@ Waits: TypeAlias = Iterator[Until]
 """What an instruction waits for, one after the other."""
 
 
+class StepUnderWay(NamedTuple):
+    """A step that waits: see the attributes of `ValTask`."""
+
+    doing: Waits | None
+    until: Until | None
+    at: tuple[str, int, int]
+    last: tuple[CallFrame, int] | None
+
+
 @dataclass
 class CallFrame:
     """One call of a program.
@@ -32,7 +41,7 @@ class CallFrame:
         bindings: variables that its parameters stand for.
         loops: last value and step of each FOR under way, by its step.
         again: the FOR that its END has just led back to.
-        doing: what the interrupted caller's step still waits for; it goes on with that afterwards.
+        interrupted: the caller's step that goes on afterwards, None for none.
     """
 
     program: tree.ValProgram
@@ -40,7 +49,7 @@ class CallFrame:
     priority: int = 0
     bindings: dict[str, CellKey] = field(default_factory=dict)
     loops: dict[int, tuple[float, float]] = field(default_factory=dict)
-    doing: tuple[Waits | None, Until | None] = (None, None)
+    interrupted: StepUnderWay | None = None
     again: int = -1
 
     def __post_init__(self) -> None:
@@ -76,7 +85,8 @@ class ValTask:
 
     Attributes:
         frames: calls, the innermost last; empty when it is over.
-        at: program, line and column of the step that was begun last.
+        at: program, line and column of the step under way, or that was begun last.
+        last: its call, and its number there.
         doing, until: what the step waits for.
         watches: reactions by signal number, negative for one that goes off.
         on_error: program that REACTE has named; empty for none.
@@ -146,13 +156,16 @@ class ValTask:
 
     def interrupt(self, name: str, priority: int) -> None:
         """Call a program between steps, or in the middle of one that waits."""
-        kept = self.doing, self.until
         self.call(name, (), priority)
-        self.frames[-1].doing, self.doing, self.until = kept, None, None
+        if self.doing is not None:
+            self.frames[-1].interrupted = StepUnderWay(self.doing, self.until, self.at, self.last)
+        self.doing = self.until = None
 
     def return_(self) -> None:
         """End the innermost call."""
-        self.doing, self.until = self.frames.pop().doing
+        interrupted, self.doing, self.until = self.frames.pop().interrupted, None, None
+        if interrupted is not None:
+            self.doing, self.until, self.at, self.last = interrupted
 
     def _bound(self, parameter: str, argument: tree.Expression | None) -> CellKey:
         """The variable that a parameter stands for: the caller's own for a name, else one that only this call has."""

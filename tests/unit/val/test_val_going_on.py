@@ -69,6 +69,13 @@ def test_a_drive_that_is_refused_leaves_its_speed_to_nobody() -> None:
         assert run.machine.next_speed == (20.0, False)
 
 
+def test_a_program_that_is_given_up_asks_nothing_of_the_next_motion() -> None:
+    with interpreter(main_program("SPEED 10", "LEFTY", "OPEN", "MOVES far", rest=PLACES)) as (run, _):
+        assert run.execute("main") is RunState.FAILED
+        run.abort()
+        assert (run.machine.next_speed, run.machine.words, run.machine.hand_at_next) == (None, "", None)
+
+
 def test_a_program_that_cannot_begin_leaves_the_speed_of_a_paused_one() -> None:
     with interpreter(main_program("SPEED 10 ALWAYS", "LEFTY", "PAUSE", "MOVE a", rest=PLACES)) as (run, _):
         assert run.execute("main") is RunState.PAUSED

@@ -141,3 +141,12 @@ def test_a_motion_that_a_program_has_stopped_stays_given_up_behind_ctrl_c(lines:
         assert run.proceed() is RunState.COMPLETED, run.message
         assert _number(run, "x") == 1.0
         assert 0.0 < run.machine.frame("here")[1, 3] < 0.06
+
+
+def test_a_wrong_answer_behind_a_reaction_is_blamed_on_its_question_which_retry_asks_again() -> None:
+    lines = "REACTI 2001, r", *TO_B, 'PROMPT "n", x', "y = x"
+    with interpreter(main_program(*lines, rest=WHERE + NEAR_B + PLACES), "abc", "7") as (run, _):
+        assert run.execute("main") is RunState.FAILED
+        assert run.message.startswith("program main, line 8, column 1: PROMPT: expected a number, not 'abc'")
+        assert run.retry() is RunState.COMPLETED, run.message
+        assert _number(run, "y") == 7.0
