@@ -76,7 +76,7 @@ class PowerUp:
         return robot.mode == Mode.HOLDING
 
     def _ask(self, robot: RobotState, chg: Chg) -> None:
-        if not chg.power:
+        if self._asked_s is None or not chg.power:  # not a request that was raised before it came to be off
             chg.power = self._asked_s is not None  # low at first
             self._asked_s, self._event_before = self._elapsed_s, robot.event
         elif robot.event and self._waited(SAME_AGAIN_S if robot.event == self._event_before else REACTION_S):

@@ -19,7 +19,7 @@ from qrobot.rci import TaskDescriptor, TaskState, VirtualLink
 from qrobot.rci.robot_cycle import MOST_STARTS
 from qrobot.wire import JointMode, Mode
 from tests.support.fake_robot import FakeRobot
-from tests.support.late_robot import LATE, hear_power_late, lose_streams
+from tests.support.late_robot import LATE, hear_power_late, lose_power, lose_streams
 from tests.support.puma import PARK, ROBOT
 
 START = tuple(float(x) for x in PARK)
@@ -256,6 +256,16 @@ def test_a_fault_of_the_servo_ends_the_task_with_its_name_and_its_last_samples(r
 
 def test_what_the_servo_told_before_power_was_asked_for_is_no_answer_to_that(robot: FakeRobot) -> None:
     hear_power_late(robot)
+    td = task(turn(0, 0.001))
+    rci.rci_start(td.bit)
+    assert robot.seq > LATE
+    wait_runs(td, 3)
+
+
+@pytest.mark.parametrize("before", [FaultCode.NONE, FaultCode.STREAM_LOST])
+def test_an_arm_that_brakes_and_loses_its_power_is_asked_for_it_when_it_is_off(robot: FakeRobot, before) -> None:
+    robot.event = before
+    lose_power(robot)
     td = task(turn(0, 0.001))
     rci.rci_start(td.bit)
     assert robot.seq > LATE

@@ -39,3 +39,13 @@ def lose_streams(robot: FakeRobot, count: int, stops: bool = False, move: float 
             robot.q = (robot.q[0] + move, *robot.q[1:])
 
     robot.before_period = period
+
+
+def lose_power(robot: FakeRobot) -> None:
+    """Somebody has taken its power: it brakes until sample `LATE`, and is off then."""
+
+    def period(seq: int) -> None:
+        if seq == LATE:
+            robot.mode = Mode.OFF
+
+    robot.mode, robot.before_period = Mode.STOPPING, period

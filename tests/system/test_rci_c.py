@@ -31,7 +31,7 @@ from qrobot.servo.settings import ServoSettings
 from qrobot.sim_board.emulator import Emulator
 from tests.support.c_programs import CHECKED, EXAMPLES, FOUND, VALGRIND, needs_compiler, needs_valgrind
 from tests.support.fake_robot import FakeRobot, TcpRobot
-from tests.support.late_robot import LATE, hear_power_late, lose_streams
+from tests.support.late_robot import LATE, hear_power_late, lose_power, lose_streams
 from tests.support.patience import PATIENCE_S, wait_until
 from tests.support.processes import RunningArm
 from tests.support.puma import PARK, ROBOT
@@ -409,6 +409,16 @@ def test_of_many_states_that_come_at_once_a_task_in_c_takes_the_newest(make: Mak
 def test_what_the_servo_told_before_power_was_asked_for_is_no_answer_to_that(turns: Path) -> None:
     robot = FakeRobot(tuple(PARK))
     hear_power_late(robot)
+    with rci.use(partial(VirtualLink, transfer=robot.transfer)):
+        assert run_executable(turns) == 0
+    assert robot.seq > LATE
+
+
+@pytest.mark.parametrize("before", [FaultCode.NONE, FaultCode.STREAM_LOST])
+def test_an_arm_that_brakes_and_loses_its_power_is_asked_for_it_in_c_too(turns: Path, before: FaultCode) -> None:
+    robot = FakeRobot(tuple(PARK))
+    robot.event = before
+    lose_power(robot)
     with rci.use(partial(VirtualLink, transfer=robot.transfer)):
         assert run_executable(turns) == 0
     assert robot.seq > LATE

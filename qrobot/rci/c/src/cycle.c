@@ -99,7 +99,7 @@ static int is_powered(struct cycle *c, const struct qrobot_state *s, const char 
         *failed = because("the arm has power but is not calibrated: its joint angles are unknown");
     else if (s->mode != QROBOT_MODE_OFF)
         c->power = 1; /* powering, or coming to rest after another program */
-    else if (!c->power) { /* power comes on a request that is raised while the servo is off: low at first */
+    else if (c->asked_s < 0.0 || !c->power) { /* power comes on a request that is raised while it is off: low at first */
         c->power = c->asked_s >= 0.0;
         c->asked_s = c->waited_s;
         c->event_before = s->event;
