@@ -14,8 +14,8 @@ from rich.text import Text
 from qrobot.cli.arms import DEFAULT_DEPLOYMENT
 from qrobot.cli.console import FAILURE, SUCCESS, err, note, out, print_table, write_json
 from qrobot.cli.option_types import OutputFile, OutputFolder
-from qrobot.config.deployment import Interpolation, Velocity
-from qrobot.errors import Stalled
+from qrobot.config.deployment import DeployedArm, Interpolation, Velocity
+from qrobot.errors import ConfigError, Stalled
 
 if TYPE_CHECKING:
     from qrobot.rig.demo_criteria import Verdict
@@ -60,7 +60,7 @@ def demo(
     interpolation
         Another path between setpoints than the quintic.
     deployment
-        Deployment file of the runs on the wall clock, with one PUMA 560: its name, its port, its time-outs.
+        Deployment file of the runs on the wall clock, with one emulated PUMA 560: its name, its port, its time-outs.
     out_dir
         Where logs and figures go.
     json
@@ -70,9 +70,11 @@ def demo(
     from qrobot.rig.demo_criteria import judge
     from qrobot.rig.experiment import plan
 
-    robot = robot_of_arm(choose_arm(deployment, None))
-    law = None if law is None else check_law(law, robot)
+    arm = choose_arm(deployment, None)
+    law = None if law is None else check_law(law, robot_of_arm(arm))
     runs = plan(lockstep, rate, plant, law, velocity, interpolation)
+    if any(run.clock == "realtime" for run in runs):
+        _require_emulated(arm, deployment)
     results = _run_all(runs, deployment, out_dir)
     verdicts = judge(results)
     for table in results_tables(results):
@@ -92,6 +94,15 @@ def demo(
     if json is not None:
         write_json(_summary(results, verdicts), json)
     return SUCCESS if all(verdict.holds for verdict in verdicts) else FAILURE
+
+
+def _require_emulated(arm: DeployedArm, deployment: str) -> None:
+    """Raise ConfigError for an arm with a real board: the demo moves fast, and again by itself where a run stalled."""
+    if arm.board.kind != "emulator":
+        raise ConfigError(
+            f"{deployment}: the board of {arm.name} is no emulated one ({arm.board.kind}), and the demo moves at full "
+            "speed: see it with --lockstep, and move a real arm by `qrobot up` and `qrobot run`"
+        )
 
 
 def _run_all(runs: list[ExperimentRun], deployment: str, directory: Path) -> list[Result]:

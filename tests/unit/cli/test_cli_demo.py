@@ -25,6 +25,7 @@ from qrobot.log.summary import tracking_summary
 from qrobot.modecodes import Mode
 from qrobot.rig.experiment import STALLS, ExperimentRun, Result, run_realtime, stalled_before_fault
 from qrobot.servo.memory.telemetry import FLAG_UNSEEN, TelemetryLayout
+from tests.support.processes import write_deployment
 
 
 class Attempts:
@@ -155,3 +156,22 @@ def test_a_run_that_was_made_again_stays_in_what_the_demo_tells(
     assert "made again: 1000 Hz on the wall clock" in (told := capsys.readouterr().out)
     assert "at first: BOARD_GONE: the board was away" in told
     assert json.loads((tmp_path / "x.json").read_text())["runs"][0]["made_again"] == "BOARD_GONE: the board was away"
+
+
+REAL_BOARDS = ('kind = "modbus", modbus = {}', 'kind = "can", can = {}', 'kind = "port", port = { base = 768 }')
+
+
+@pytest.mark.parametrize("board", REAL_BOARDS)
+def test_an_arm_with_a_real_board_is_moved_by_no_demo(
+    board: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    demo = ["demo", "--deployment", str(write_deployment(tmp_path, board=board)), "--out-dir", str(tmp_path / "demo")]
+    runs: list[ExperimentRun] = []
+    monkeypatch.setattr("qrobot.cli.demo._run_all", lambda chosen, *_: runs.extend(chosen) or [])
+    assert run_app(make_app(), demo) == 1
+    complaint = capsys.readouterr().err
+    assert "is no emulated one" in complaint
+    assert complaint.count("\n") == 1
+    assert runs == []
+    run_app(make_app(), [*demo, "--lockstep"])
+    assert {run.clock for run in runs} == {"lockstep"}
