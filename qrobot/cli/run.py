@@ -297,13 +297,22 @@ def _arcl_ending() -> Iterator[None]:
 
 
 def bridge_links(arm: DeployedArm) -> LinkFactory:
-    """Links to the arm of the deployment file, unless the environment names another bridge."""
+    """Links to the arm of the deployment file; whatever else looks for a bridge in this program gets that one too.
+
+    A bridge that the environment names may be another arm's, whose fences and outputs are not these: it is told, and
+    does not count.
+    """
     from qrobot.rci import TcpLink, bridge_address
+    from qrobot.rci.tcp import BRIDGE_VARIABLE
     from qrobot.realtime.startup_order import await_turn
 
     await_turn()
-    os.environ.setdefault("QROBOT_BRIDGE", f"{arm.bridge.host}:{arm.bridge.port}")
-    return lambda hello: TcpLink(hello, bridge_address())
+    address = arm.bridge.host, arm.bridge.port
+    named, own = os.environ.get(BRIDGE_VARIABLE), "{}:{}".format(*address)
+    if named and bridge_address(named) != address:
+        note(f"{BRIDGE_VARIABLE} is {named}, but the bridge of {arm.name} is {own}, as its deployment file says")
+    os.environ[BRIDGE_VARIABLE] = own
+    return lambda hello: TcpLink(hello, address)
 
 
 def offline_links(arm: DeployedArm, start: str | None = None) -> LinkFactory:

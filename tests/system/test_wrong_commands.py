@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import socket
 from pathlib import Path
 
@@ -9,6 +10,7 @@ import pytest
 
 from qrobot.cli.console import run_app
 from qrobot.cli.main import make_app
+from qrobot.config.deployment import load_deployment
 from tests.support.processes import free_port, write_deployment
 
 
@@ -91,10 +93,37 @@ def test_a_busy_port_is_told_before_anything_starts(
     assert not (tmp_path / "processes").exists()
 
 
+PROGRAM = 'from qrobot import rccl\nrccl.control("puma560")\n'
+
+
 def test_a_program_without_a_bridge_is_told_how_to_start_one(
-    deployment: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    deployment: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setenv("QROBOT_BRIDGE", f"127.0.0.1:{free_port()}")
     program = tmp_path / "program.py"
-    program.write_text('from qrobot import rccl\nrccl.control("puma560")\n')
-    assert "qrobot up" in complaint_of(capsys, "run", program)
+    program.write_text(PROGRAM)
+    assert "qrobot up" in complaint_of(capsys, "run", "--deployment", deployment, program)
+
+
+@pytest.mark.parametrize(
+    ("command", "name", "text"),
+    [(["run"], "program.py", PROGRAM), (["val", "run"], "program.v2", ".PROGRAM main\n READY\n.END\n")],
+)
+def test_the_arm_of_the_deployment_file_is_moved_whatever_bridge_the_shell_names(
+    deployment: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    command: list[str],
+    name: str,
+    text: str,
+) -> None:
+    own, other = f"127.0.0.1:{load_deployment(str(deployment)).arm[0].bridge.port}", f"127.0.0.1:{free_port()}"
+    monkeypatch.setenv("QROBOT_BRIDGE", other)
+    program = tmp_path / name
+    program.write_text(text)
+    assert run_app(make_app(), [*command, "--deployment", str(deployment), str(program)]) == 1
+    *_, told, complaint = capsys.readouterr().err.splitlines()
+    assert own in told
+    assert other in told
+    assert f"no bridge at {own}" in complaint
+    assert os.environ["QROBOT_BRIDGE"] == own
