@@ -106,9 +106,9 @@ def status(*, where: Where | None = None) -> int:
     if now.path_waits:
         out.print(PATH_WAITS, soft_wrap=True)
     print_table(_joints(robot_of_arm(chosen), now))
-    out.print(_lines_line(now), soft_wrap=True)
     if any(value is not None for value in now.force):
         out.print(_force_line(now.force), soft_wrap=True)
+    out.print(_lines_line(now), soft_wrap=True)
     out.print(_board_line(now.board), soft_wrap=True)
     return SUCCESS
 

@@ -182,7 +182,7 @@ class BoardStatus(OperatorMessage):
         slipped_ms: how long an emulated arm's time stood still because nobody could run.
     """
 
-    age_ms: float | None
+    age_ms: float | None = None
     losses: int
     dropped: int
     illegal: int

@@ -11,7 +11,7 @@ import pytest
 from qrobot.cli.console import run_app
 from qrobot.cli.ctl import _lines_line
 from qrobot.cli.main import make_app
-from qrobot.servo.operator.messages import FenceStatus
+from qrobot.servo.operator.messages import BoardStatus, FenceStatus, ServoStatus
 
 
 @pytest.mark.parametrize(
@@ -49,6 +49,21 @@ class Servo:
     def status(self) -> SimpleNamespace:
         gains = {"kp": [3510.25, *range(5)], "kv": [234.0, *range(5)], "inertia": [3.9, *range(5)]}
         return SimpleNamespace(arm=self.arm, law="qrobot", calibrated=True, **gains)
+
+
+def test_the_last_two_lines_of_a_status_tell_what_is_on_and_how_the_board_is_reached(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    status: Any = ServoStatus.model_construct(
+        arm="puma560", law="qrobot", law_settings={}, mode="HOLDING", text="", commander="", hand="closed",
+        inputs=(), outputs={}, force=(1.0, *[None] * 5),
+        board=BoardStatus(losses=0, dropped=0, illegal=0, module_losses=0),
+        **dict.fromkeys(("q", "v", "tau", "kp", "kv", "inertia"), (0.0,) * 6),
+    )  # fmt: skip
+    monkeypatch.setattr("qrobot.cli.ctl.ServoClient", Servo)
+    monkeypatch.setattr(Servo, "status", lambda _: status)
+    assert run_app(make_app(), ["ctl", "status"]) == 0
+    assert [line.split()[0] for line in capsys.readouterr().out.splitlines()[-3:]] == ["force:", "hand", "board:"]
 
 
 def test_gains_alone_shows_those_in_force(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:

@@ -188,6 +188,15 @@ def test_the_age_of_the_image_is_told_and_that_there_is_none() -> None:
     assert board_status(memory, lambda: 5_000_000).age_ms == 3.0
 
 
+def test_without_an_image_the_servo_is_asked_and_stopped_as_ever(
+    client: ServoClient, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(Bench, "board", SimpleNamespace(memory=local_board_memory()))
+    assert client.status().board.age_ms is None
+    assert client.stop().board.age_ms is None
+    assert client.power_off().mode == "OFF"
+
+
 def test_power_comes_and_goes_and_the_status_tells(servo: Bench, client: ServoClient) -> None:
     assert client.status().mode == "OFF"
     status = client.power_on()
