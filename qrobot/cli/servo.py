@@ -23,6 +23,7 @@ from qrobot.cli.arms import (
 from qrobot.cli.console import SUCCESS, note
 from qrobot.cli.option_types import RateHz
 from qrobot.config.deployment import DeployedArm, Interpolation, Velocity
+from qrobot.report import QueuedReport, Report
 
 if TYPE_CHECKING:
     from qrobot.config import Robot
@@ -88,14 +89,15 @@ def servo(
         choices = f"law {settings.law}, velocity by {settings.velocity}, {settings.interpolation} interpolation"
         choices += f", model {identified}" if identified else ""
         choices += f", tool up to {settings.reduced_speed_m_s * 1e3:g} mm/s" if settings.reduced_speed_m_s else ""
-        note(f"servo of {chosen.name} ({robot.name}) runs at {settings.rate_hz:g} Hz: {choices}")
+        told(f"servo of {chosen.name} ({robot.name}) runs at {settings.rate_hz:g} Hz: {choices}")
 
-    look = {"look": _flight_recorder(chosen, robot).look} if chosen.log.directory else {}
     card = card_of_arm(chosen)
-    serve(chosen.name, robot, settings, chosen.servo.require_realtime, note, started, card=card, **look)
+    with QueuedReport(note) as told:
+        look = {"look": _flight_recorder(chosen, robot, told).look} if chosen.log.directory else {}
+        serve(chosen.name, robot, settings, chosen.servo.require_realtime, told, started, card=card, **look)
 
 
-def _flight_recorder(arm: DeployedArm, robot: Robot) -> FlightRecorder:
+def _flight_recorder(arm: DeployedArm, robot: Robot, report: Report) -> FlightRecorder:
     """Make the flight recorder; its files lie beside the arm's logs, in `incidents`."""
     from qrobot.cli.log import recorded_header
     from qrobot.fences.told_fences import told_fences
@@ -108,7 +110,7 @@ def _flight_recorder(arm: DeployedArm, robot: Robot) -> FlightRecorder:
     fences = told_fences(arm, robot)
     folder = Path(arm.log.directory) / "incidents"
     looks = robot, fence_attachments(fences), tool_of_arm(arm), fences
-    return FlightRecorder(folder, arm.name, header_of, note, KEEP, *looks)
+    return FlightRecorder(folder, arm.name, header_of, report, KEEP, *looks)
 
 
 @app.command(help_flags=[])

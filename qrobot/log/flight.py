@@ -2,7 +2,7 @@
 
 The log of a whole run may be switched off, or gigabytes long. The loop does nothing for this but write its ring.
 Whoever looks now and then - the main thread of the servo - saves the seconds around an incident once they are over,
-with the incident attached. A disk that refuses costs that file, and is told.
+with the incident attached. A disk that refuses costs that file, and is told. The report must neither wait nor raise.
 """
 
 from __future__ import annotations
@@ -10,13 +10,14 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Final
 
 import numpy as np
 
 from qrobot.config import Robot
-from qrobot.errors import LogError
+from qrobot.errors import LinkError, LogError, QRobotError
 from qrobot.faultcodes import FaultCode
 from qrobot.fences.told_fences import ToldFences
 from qrobot.log.arm_view import Point
@@ -74,15 +75,16 @@ class FlightRecorder:
         if incident is not None and incident.number > self._seen:
             self._seen = incident.number
             self._waiting.append(incident)
-        if self._waiting and (ended or mailbox.snapshot().t_ns >= self._due_ns):
+        if self._waiting and (ended or self._is_due(mailbox)):
             incidents, self._waiting = self._waiting, []
             self._save(mailbox, incidents)
 
-    @property
-    def _due_ns(self) -> int:
-        """Time at which enough has followed the newest incident, and not much later than the first."""
+    def _is_due(self, mailbox: ServoMailbox) -> bool:
+        """True when enough has followed the newest incident, or much the first."""
         first, last = self._waiting[0], self._waiting[-1]
-        return min(last.t_ns + AFTER_NS, first.t_ns + LONGEST_NS)
+        with suppress(LinkError):  # the loop was interrupted while it wrote: the next look will do
+            return mailbox.snapshot().t_ns >= min(last.t_ns + AFTER_NS, first.t_ns + LONGEST_NS)
+        return False
 
     def _save(self, mailbox: ServoMailbox, incidents: Sequence[Incident]) -> None:
         code = FaultCode(incidents[-1].code).name
@@ -95,7 +97,7 @@ class FlightRecorder:
             header, looks = self._header_of(mailbox.info), (self._robot, self._tool_m, self._fences)
             write_log(path, rows, header, attachments, None, _laws(mailbox), *looks)
             self._thin_out()
-        except (LogError, OSError) as error:
+        except (QRobotError, OSError) as error:
             self._report(f"the cycles around {code} are not saved: {error}")
         else:
             self._report(f"the {np.ptp(rows['t_ns']) * 1e-9:.1f} s around {code} are saved: `qrobot log info {path}`")

@@ -272,7 +272,7 @@ def serve(
     robot: Robot,
     settings: ServoSettings,
     require_realtime: bool,
-    report: Report,
+    report: QueuedReport,
     started: Callable[[], Any],
     look: Look = lambda _mailbox, _incident, _ended: None,
     card: Words | None = None,
@@ -280,6 +280,7 @@ def serve(
     """Run the servo of `arm` until SIGTERM, SIGINT or SIGHUP.
 
     Args:
+        report: takes lines for people, of `started` and `look` as well.
         started: called once the servo memory exists and the loop is about to run (to start the guardian).
         look: called some 20 times a second (for a flight recorder), and once more at the end.
         card: of a board on this machine's own bus: the loop reaches it itself, and this process owns the board memory.
@@ -304,7 +305,6 @@ def serve(
     board = _board_memory(arm, card, robot.n, settings.period_ns)
     rows = _ring_rows(arm, robot, settings, report)
     with (
-        QueuedReport(report) as told,
         interrupted_by_sigterm(),  # the loop is not there yet to be asked for an end
         create_servo_memory(arm, robot.name, law_label(settings.law), robot.n, settings.period_ns, rows) as memory,
     ):
@@ -317,7 +317,7 @@ def serve(
             arm,
             robot,
             settings,
-            told,
+            report,
             memory,
             board,
             card,
@@ -331,7 +331,7 @@ def serve(
             started()
             _run_and_watch(process, look)
         if card[CARD_READ_ONLY]:
-            told(f"dry run: {int(card[CARD_WITHHELD])} accesses that would have changed something were withheld")
+            report(f"dry run: {int(card[CARD_WITHHELD])} accesses that would have changed something were withheld")
     process.board.close(unlink=process.board.owner)
     Authority(arm).clear()
 

@@ -150,6 +150,18 @@ def test_a_disk_that_refuses_is_told_of_and_costs_that_file_alone(tmp_path: Path
     assert len(files(blocked)) == 1
 
 
+def test_a_look_while_the_loop_is_interrupted_in_its_writing_is_made_up_for_by_the_next(tmp_path: Path) -> None:
+    servo = Servo(tmp_path)
+    servo.happen()
+    servo.run(0.45)
+    published = servo.mailbox.memory.published
+    published.sequence += 1  # odd: a state is being written
+    servo.recorder.look(servo.mailbox, servo.incident)
+    published.sequence += 1
+    servo.run(0.15)
+    assert len(files(tmp_path)) == 1
+
+
 def test_log_info_tells_what_a_file_was_saved_for(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     servo = Servo(tmp_path)
     servo.happen()

@@ -21,6 +21,8 @@ import numpy as np
 import pytest
 
 from qrobot.cli import ctl
+from qrobot.cli.console import run_app
+from qrobot.cli.main import make_app
 from qrobot.config import Robot, load_robot
 from qrobot.config.fences import Fence
 from qrobot.errors import ConfigError, LinkBusy, LinkError, LinkLost, LinkTimeout, QRobotError, RemoteProtocolError
@@ -62,9 +64,10 @@ from qrobot.servo.operator.sockets import (
     arms_that_run,
     connect_to_servo,
 )
-from qrobot.servo.process.daemon import _Herald, _run_and_watch, _served, serve
+from qrobot.servo.process.daemon import Look, _Herald, _run_and_watch, _served, serve
 from qrobot.servo.settings import ServoSettings
 from tests.support.patience import PATIENCE_S, wait_until
+from tests.support.processes import write_deployment
 from tests.support.servo_bench import ServoBench, moving
 
 REQUESTS = ("power", "clears", "stops", "power_offs")
@@ -758,6 +761,41 @@ def test_a_full_disk_behind_the_lines_for_people_ends_nothing() -> None:
     assert tried[0].startswith("OFF -> ")
 
 
+def test_a_stop_that_a_full_disk_keeps_from_being_saved_ends_no_servo(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The flight recorder's files are on that disk, and so is stderr."""
+    tried: list[str] = []
+    process = Process(ServoBench().hold())
+    process.bench.follows = False
+    while process.incident is None:
+        process.bench.q[2] += 1e-3
+        process.bench.tick()
+
+    def note(line: str) -> None:
+        tried.append(line)
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    def pretend(*given: Any, look: Look, **_: object) -> None:
+        report, started = given[-2:]
+
+        def look_and_end(*told: Any) -> None:
+            look(*told)
+            if tried and "are not saved" in tried[-1]:
+                process.bench.mail.command.shutdown = 1
+
+        monkeypatch.setattr(process, "report", report)
+        started()
+        _run_and_watch(process, look_and_end)  # type: ignore[arg-type]
+
+    (tmp_path / "log").touch()  # no folder for incidents in here
+    monkeypatch.setattr("qrobot.cli.servo.note", note)
+    monkeypatch.setattr("qrobot.servo.process.daemon.serve", pretend)
+    deployment = str(write_deployment(tmp_path))
+    assert run_app(make_app("servo"), ["servo", deployment, "--own-guardian"]) == 0
+    assert process.ended
+
+
 def test_what_people_are_told_is_of_one_whole_cycle() -> None:
     """Mode, event and joint of a cycle that is still at work do not belong together yet."""
     process = Process(ServoBench().hold())
@@ -901,8 +939,11 @@ def test_whoever_breaks_off_a_request_may_stop_the_arm_by_the_same_client(
 
 def test_a_board_has_no_counter_for_a_seventh_joint() -> None:
     robot: Any = SimpleNamespace(name="seven", n=7)
-    with pytest.raises(ConfigError, match="seven has 7 joints, a board has 6 encoder channels"):
-        serve("nobody", robot, ServoSettings(), False, print, print)
+    with (
+        QueuedReport(print) as report,
+        pytest.raises(ConfigError, match="seven has 7 joints, a board has 6 encoder channels"),
+    ):
+        serve("nobody", robot, ServoSettings(), False, report, print)
 
 
 def test_resume_is_heard_as_the_end_of_a_pause_also_when_there_was_none(servo: Bench) -> None:
