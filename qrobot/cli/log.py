@@ -24,6 +24,7 @@ from qrobot.cli.option_types import (
     checked_folder,
 )
 from qrobot.errors import ConfigError
+from qrobot.report import QueuedReport
 
 if TYPE_CHECKING:
     from qrobot.config import Robot
@@ -324,9 +325,9 @@ def record(
         header = recorded_header(robot, servo, pid, chosen.board.plant if plant is None else plant)
         return LogWriter(next(paths), header, attachments, round(max_megabytes * MEGABYTE), robot, tool, fences)
 
-    note(f"waiting for the servo of {chosen.name}")
-    with set_on_signals() as stop:
-        follow(ServoFollower(chosen.name, open_log, note), stop)
+    with QueuedReport(note) as told, set_on_signals() as stop:
+        told(f"waiting for the servo of {chosen.name}")
+        follow(ServoFollower(chosen.name, open_log, told), stop)
 
 
 @app.command
@@ -368,9 +369,9 @@ def live(
         header = recorded_header(robot, servo, pid, chosen.board.plant)
         return LiveServer(port, header, rate, robot, tool, fences)
 
-    note(f"waiting for the servo of {chosen.name}")
-    with set_on_signals() as stop:
-        follow(ServoFollower(chosen.name, open_server, note, from_now=True), stop)
+    with QueuedReport(note) as told, set_on_signals() as stop:
+        told(f"waiting for the servo of {chosen.name}")
+        follow(ServoFollower(chosen.name, open_server, told, from_now=True), stop)
 
 
 def recorded_header(robot: Robot, servo: ServoInfo, pid: int, plant: str) -> LogHeader:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -19,6 +21,7 @@ from qrobot.cli.console import run_app
 from qrobot.cli.log import FigureName
 from qrobot.cli.main import make_app
 from qrobot.config import load_robot
+from qrobot.log.follow import LOOK_NS, ServoFollower
 from qrobot.log.header import Attachment, header_for
 from qrobot.log.plot import FIGURES
 from qrobot.log.read import read_log
@@ -28,7 +31,7 @@ from qrobot.realtime.setup import SetupStep
 from qrobot.realtime.shared_memory import segment_path
 from qrobot.servo.memory.servo_memory import create_servo_memory, servo_info
 from qrobot.servo.memory.telemetry import TelemetryLayout, append_row
-from tests.support.log_samples import make_header, make_rows
+from tests.support.log_samples import FullDisk, make_header, make_rows
 
 
 @pytest.fixture
@@ -208,6 +211,43 @@ def test_record_writes_down_a_running_servo_and_ends_on_sigterm(tmp_path: Path) 
     assert {"scheduler", "memory", "kernel"} <= {step.name for step in log.header.setup}
     assert abs(log.header.wall_offset_ns - (time.time_ns() - time.monotonic_ns())) < 10**9
     assert not segment_path(f"{arm}-servo").exists()
+
+
+def test_record_outlives_a_full_disk_and_what_it_says_of_it_on_that_disk(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    arm = f"full{os.getpid()}"
+    (tmp_path / "lab.toml").write_text(DEPLOYMENT.format(arm=arm))
+    said: list[str] = []
+
+    def note(line: str) -> None:
+        said.append(line)
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    def pretend(follower: ServoFollower, _stop: threading.Event) -> None:
+        """The recorder beside a servo, on a clock moved by hand."""
+        disk = FullDisk(monkeypatch, room=10**9)
+        for turn in range(40):
+            disk.room = 0 if 5 <= turn < 30 else 10**9
+            for row in make_rows(200, first=200 * turn).view(np.int64).reshape(200, row_words):
+                append_row(memory.words, base, 1024, row_words, row)
+            follower.step(turn * LOOK_NS)
+        follower.close()
+
+    monkeypatch.setattr("qrobot.log.record.BACKLOG_BYTES", 50_000)
+    monkeypatch.setattr("qrobot.log.follow.follow", pretend)
+    monkeypatch.setattr("qrobot.cli.log.note", note)
+    monkeypatch.setattr("qrobot.cli.log.recorded_header", lambda *_: make_header())
+    with create_servo_memory(arm, "puma560", "pd", 6, 250_000, 1024) as memory:
+        memory.front.info.ready = 1
+        base, row_words = servo_info(memory.words).telemetry_base, TelemetryLayout(6).row_words
+        command = ["log", "record", str(tmp_path / "lab.toml"), "--output", str(tmp_path / "run.mcap")]
+        assert run_app(make_app("log"), command) == 0
+    log = read_log(tmp_path / "run.mcap")
+    assert log.status.lost > 0
+    assert log.rows.size + log.status.lost == 8000
+    assert log.rows["tick"][-1] == 7999
+    assert any("refusals by the disk" in line for line in said)
 
 
 def wait_for(path: Path, size: int, patience_s: float = 60.0) -> bool:
