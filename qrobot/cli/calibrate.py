@@ -13,6 +13,7 @@ from rich.table import Table
 from qrobot.cli.arms import DEFAULT_DEPLOYMENT, choose_arm, robot_of_arm
 from qrobot.cli.console import SUCCESS, err, note, out, print_table, write_json
 from qrobot.cli.option_types import Indexes, OutputFile
+from qrobot.report import Report
 from qrobot.servo.calibration.table import TableFormat
 
 if TYPE_CHECKING:
@@ -67,8 +68,8 @@ def calibrate(
     return SUCCESS
 
 
-def calibrate_arm(arm: DeployedArm, indexes: int = 0) -> CalibrationReport:
-    """Have the running servo of an arm calibrate it, and show on the terminal how far it is.
+def calibrate_arm(arm: DeployedArm, indexes: int = 0, report: Report | None = None) -> CalibrationReport:
+    """Have the running servo of an arm calibrate it; how far it is the terminal shows, or `report` is told.
 
     Raises:
         LinkError: no servo runs, or it does not answer any more.
@@ -83,7 +84,7 @@ def calibrate_arm(arm: DeployedArm, indexes: int = 0) -> CalibrationReport:
     memory, authority = attach_servo_memory(arm.name), Authority(arm.name)
     try:
         authority.take("qrobot calibrate")
-        with _Bars(robot_of_arm(arm)) as bars:
+        with _Bars(robot_of_arm(arm), report) as bars:
             return run_calibration(ServoMailbox(memory.words), time.sleep, indexes, bars.show)
     finally:
         authority.release()
@@ -91,11 +92,12 @@ def calibrate_arm(arm: DeployedArm, indexes: int = 0) -> CalibrationReport:
 
 
 class _Bars:
-    """A bar per joint on the terminal, elsewhere a line when the next one begins."""
+    """A bar per joint on the terminal; elsewhere, and for a `report`, a line when the next one begins."""
 
-    def __init__(self, robot: Robot) -> None:
+    def __init__(self, robot: Robot, report: Report | None = None) -> None:
+        self._tell = note if report is None else report
         columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.completed:.0f} index pulses"))
-        self._progress = Progress(*columns, console=err, disable=not err.is_terminal)
+        self._progress = Progress(*columns, console=err, disable=report is not None or not err.is_terminal)
         self._names, self._told = robot.joint_names, -1
         self._tasks: list[TaskID] = [self._progress.add_task(name, total=None) for name in robot.joint_names]
 
@@ -110,7 +112,7 @@ class _Bars:
         """Fill the bars of the joints that are done, and of the one at work as far as it is."""
         if self._progress.disable and now.joint not in (self._told, len(self._names)):
             self._told = now.joint
-            note(f"{now.joint + 1} of {len(self._names)}: {self._names[now.joint]}")
+            self._tell(f"{now.joint + 1} of {len(self._names)}: {self._names[now.joint]}")
         for joint, task in enumerate(self._tasks):
             done = now.wanted if joint < now.joint else now.found if joint == now.joint else 0
             self._progress.update(task, total=now.wanted, completed=done)

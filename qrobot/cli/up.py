@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from qrobot.cli.arms import DEFAULT_DEPLOYMENT, neighbours_of_arm, robot_of_arm, servo_settings
 from qrobot.cli.console import SUCCESS, note
 from qrobot.cli.option_types import OutputFolder, checked_folder
-from qrobot.report import QueuedReport
+from qrobot.report import QueuedReport, Report
 
 if TYPE_CHECKING:
     from qrobot.config.deployment import DeployedArm
@@ -56,37 +56,36 @@ def up(
         require_free_port(arm)
         if arm.log.directory:
             checked_folder(Path(arm.log.directory))
-    with ProcessRig(out_dir) as rig:
+    with QueuedReport(note) as told, ProcessRig(out_dir) as rig:  # no line may keep the processes from being ended
         for arm in arms:
-            note(f"starting {arm.name} (a first start compiles for half a minute or more)")
+            told(f"starting {arm.name} (a first start compiles for half a minute or more)")
             ArmProcesses(rig, deployment, arm, ("--reduced-speed",) if reduced_speed else ()).start_all()
             if calibrate or arm.board.calibrate_at_start:
-                _calibrate(arm)
-            note(f"{arm.name} is up: programs reach it at {arm.bridge.host}:{arm.bridge.port}")
-        note("Ctrl-C ends everything")
+                _calibrate(arm, told)
+            told(f"{arm.name} is up: programs reach it at {arm.bridge.host}:{arm.bridge.port}")
+        told("Ctrl-C ends everything")
         with suppress(KeyboardInterrupt):
-            _watch(rig)
-        note("stopping")
+            _watch(rig, told)
+        told("stopping")
     return SUCCESS
 
 
-def _calibrate(arm: DeployedArm) -> None:
+def _calibrate(arm: DeployedArm, told: Report) -> None:
     """Leave the arm with counters that are right. Raises what `calibrate_arm` raises."""
     from qrobot.cli.calibrate import calibrate_arm
 
-    note(f"calibrating {arm.name}, unless its board has kept its counters: keep clear, it moves")
-    kept = calibrate_arm(arm).was_calibrated
-    note(f"{arm.name} is calibrated{': its board has kept the counters' if kept else ''}")
+    told(f"calibrating {arm.name}, unless its board has kept its counters: keep clear, it moves")
+    kept = calibrate_arm(arm, report=told).was_calibrated
+    told(f"{arm.name} is calibrated{': its board has kept the counters' if kept else ''}")
 
 
-def _watch(rig: ProcessRig) -> None:
+def _watch(rig: ProcessRig, told: Report) -> None:
     """Return never; raise LinkLost when a process has ended that the arm cannot do without."""
     from qrobot.rig.log_trouble import LogTrouble
     from qrobot.rig.restarts import Restarts
 
-    with QueuedReport(note) as told:
-        restarts, trouble = Restarts(rig, told), LogTrouble(told)
-        while True:
-            time.sleep(POLL_S)
-            restarts.look()
-            trouble.look([child for child in rig.children.values() if not child.plan.vital])
+    restarts, trouble = Restarts(rig, told), LogTrouble(told)
+    while True:
+        time.sleep(POLL_S)
+        restarts.look()
+        trouble.look([child for child in rig.children.values() if not child.plan.vital])

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from qrobot.cli.calibrate import _Bars, _results
-from qrobot.cli.console import out, run_app
+from qrobot.cli.console import err, out, run_app
 from qrobot.cli.main import make_app
 from qrobot.config import load_robot
 from qrobot.config.robot import robot_path
@@ -83,6 +83,18 @@ def test_bars_fill_joint_after_joint() -> None:
     bars.show(CalibrationProgress(2, 2, 3, 5, REPORT.misfit, REPORT.margin, REPORT.votes))  # type: ignore[arg-type]
     assert [task.completed for task in bars._progress.tasks] == [5, 5, 3, 0, 0, 0]
     assert {task.total for task in bars._progress.tasks} == {5}
+
+
+def test_a_report_is_told_of_each_joint_once_and_no_terminal_is_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    from qrobot.servo.memory.mailbox import CalibrationProgress
+
+    monkeypatch.setattr(err, "_force_terminal", True)
+    told: list[str] = []
+    with err.capture() as captured, _Bars(ROBOT, told.append) as bars:
+        for joint, found in ((0, 0), (0, 3), (1, 0), (1, 5)):
+            bars.show(CalibrationProgress(2, joint, found, 5, REPORT.misfit, REPORT.margin, REPORT.votes))  # type: ignore[arg-type]
+    assert told == [f"{joint + 1} of 6: {ROBOT.joint_names[joint]}" for joint in (0, 1)]
+    assert captured.get() == ""
 
 
 def test_a_report_is_plain_json() -> None:

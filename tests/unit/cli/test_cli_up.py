@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from pathlib import Path
 
 import pytest
@@ -12,7 +13,9 @@ from qrobot.cli.main import make_app
 from qrobot.errors import ServoFault
 from qrobot.faultcodes import FaultCode
 from qrobot.rig.deployed import ArmProcesses
+from qrobot.rig.processes import ProcessRig
 from qrobot.servo.operator.calibration_client import ALREADY, CalibrationReport
+from tests.support.patience import PATIENCE_S
 from tests.support.processes import write_deployment
 
 FOUND = CalibrationReport(False, 5, [4.0], [140.0], [5])
@@ -26,8 +29,8 @@ class Pretence:
         self.done: list[str] = []
         self._report = report
         patch.setattr(ArmProcesses, "start_all", lambda _: self.done.append("start"))
-        patch.setattr("qrobot.cli.calibrate.calibrate_arm", lambda _: self.calibrate())
-        patch.setattr(command, "_watch", lambda _: self.done.append("watch"))
+        patch.setattr("qrobot.cli.calibrate.calibrate_arm", lambda *_, **__: self.calibrate())
+        patch.setattr(command, "_watch", lambda *_: self.done.append("watch"))
 
     def calibrate(self) -> CalibrationReport:
         self.done.append("calibrate")
@@ -62,12 +65,31 @@ def test_an_arm_is_calibrated_once_its_processes_run_and_only_when_asked_for(
 @pytest.mark.parametrize("words", [(), ("--reduced-speed",)])
 def test_reduced_speed_is_asked_of_the_servo_and_of_nobody_else(words, tmp_path, monkeypatch) -> None:
     plans = []
-    monkeypatch.setattr(command, "_watch", lambda _: None)
+    monkeypatch.setattr(command, "_watch", lambda *_: None)
     monkeypatch.setattr("qrobot.rig.processes.ProcessRig.start", lambda _, *started: plans.extend(started))
     assert up(tmp_path, *words, board="") == 0
     asked = [plan.arguments[0] for plan in plans if "--reduced-speed" in plan.arguments]
     assert asked == (["servo"] if words else [])
     assert len(plans) == 5
+
+
+@pytest.mark.parametrize("held_at", ["starting", "calibrating", "is up", "Ctrl-C ends", "stopping"])
+def test_a_terminal_that_is_held_keeps_nobody_from_ending_the_processes(held_at, tmp_path, monkeypatch) -> None:
+    pretence, free = Pretence(monkeypatch, FOUND), threading.Event()
+
+    def note(line: str) -> None:
+        if held_at in line:
+            assert free.wait(PATIENCE_S)
+
+    def close(_rig: ProcessRig) -> None:
+        assert not free.is_set()
+        pretence.done.append("end")
+        free.set()
+
+    monkeypatch.setattr(command, "note", note)
+    monkeypatch.setattr(ProcessRig, "close", close)
+    assert up(tmp_path, "--calibrate") == 0
+    assert pretence.done == ["start", "calibrate", "watch", "end"]
 
 
 def test_an_arm_whose_board_has_kept_its_counters_is_said_to(tmp_path, monkeypatch, capsys) -> None:
