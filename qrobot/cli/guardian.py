@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import signal
+from contextlib import closing
 from types import FrameType
 
 from qrobot.cli.arms import DEFAULT_DEPLOYMENT, card_of_arm, choose_arm
 from qrobot.cli.console import note
 from qrobot.cli.option_types import Seconds
-from qrobot.errors import QRobotError
+from qrobot.report import QueuedReport
 
 LINGER_S = 5.0
 
@@ -34,21 +35,18 @@ def guardian(deployment: str = DEFAULT_DEPLOYMENT, *, arm: str | None = None, li
     chosen = choose_arm(deployment, arm)
     warm_up()
     await_turn()
-    watcher = Guardian(
-        chosen.name, chosen.servo.guardian_timeout_ms, note, card_of_arm(chosen), slips=chosen.board.slips
-    )
+    arm_name, timeout_ms, card = chosen.name, chosen.servo.guardian_timeout_ms, card_of_arm(chosen)
+    with (
+        QueuedReport(note) as told,
+        closing(Guardian(arm_name, timeout_ms, told, card, slips=chosen.board.slips)) as watcher,
+    ):
 
-    def end(_signal: int, _frame: FrameType | None) -> None:
-        watcher.stop[0] = 1
+        def end(_signal: int, _frame: FrameType | None) -> None:
+            watcher.stop[0] = 1
 
-    for number in (signal.SIGTERM, signal.SIGINT):
-        signal.signal(number, end)
-    try:
-        insist_on(prepare(), chosen.servo.require_realtime, lambda line: note(f"guardian of {chosen.name}: {line}"))
-    except QRobotError:
-        watcher.close()
-        raise
-    note(f"guardian of {chosen.name} acts {chosen.servo.guardian_timeout_ms:g} ms after the servo's last heartbeat")
-    watcher.run(linger)
-    leave_fifo()
-    watcher.close()
+        for number in (signal.SIGTERM, signal.SIGINT):
+            signal.signal(number, end)
+        insist_on(prepare(), chosen.servo.require_realtime, lambda line: told(f"guardian of {arm_name}: {line}"))
+        told(f"guardian of {arm_name} acts {timeout_ms:g} ms after the servo's last heartbeat")
+        watcher.run(linger)
+        leave_fifo()

@@ -30,7 +30,7 @@ from qrobot.realtime.clock import monotonic_ns, sleep_until_ns
 from qrobot.realtime.jit import lean_kernel
 from qrobot.realtime.setup import HIGHEST_PRIORITY, SetupStep, lock_memory, set_fifo, tighten_timers
 from qrobot.realtime.shared_memory import HEADER_WORDS, SegmentT, SharedMemory
-from qrobot.report import QueuedReport, Report
+from qrobot.report import Report
 from qrobot.servo.memory.servo_memory import ServoFront, attach_servo_memory, local_servo_memory, servo_front
 from qrobot.servo.memory.telemetry import SMALLEST_RING
 from qrobot.servo.settings import DEFAULT_TIMEOUT_MS
@@ -134,7 +134,7 @@ class Guardian:
     """Watches one arm; follows restarts of its servo and its board.
 
     A guardian that was killed while it held the board has an heir: the mark of the takeover stays in the servo's
-    memory, and the next guardian goes on holding the board.
+    memory, and the next guardian goes on holding the board. `report` must neither wait nor raise.
 
     Raises:
         LinkBusy: a guardian watches this arm already; two of them would share one lane of the board.
@@ -182,15 +182,11 @@ class Guardian:
         """
         if self._card[CARD_KIND] == REAL_CARD:
             require_ports(int(self._card[CARD_BASE]))
-        with QueuedReport(self._report) as told:
-            self._run(linger_s, told)
-
-    def _run(self, linger_s: float, told: Report) -> None:
         alone_since: int | None = None
         while not self.stop[0]:
             before = self.tripped
             self._watch_for(SLICE_NS, self.stop)
-            self._tell(before, told)
+            self._tell(before)
             self._servo = _follow(self._servo, attach_servo_memory, self.arm)
             self._board = _follow(self._board, attach_board_memory, self.arm)
             if self._servo.owner_alive:
@@ -221,11 +217,11 @@ class Guardian:
         until_ns = monotonic_now() + duration_ns
         watch(self._own, *memories, self._ops, stop, self.timeout_ns, until_ns, self._slips)
 
-    def _tell(self, before: bool, told: Report) -> None:
+    def _tell(self, before: bool) -> None:
         if self.tripped and not before:
-            told(f"the servo of {self.arm} is silent: torque zero, arm power off")
+            self._report(f"the servo of {self.arm} is silent: torque zero, arm power off")
         elif before and not self.tripped:
-            told(f"the servo of {self.arm} has the board again")
+            self._report(f"the servo of {self.arm} has the board again")
 
     def close(self) -> None:
         """Unmap both memories and leave the guardian's place to another one."""
