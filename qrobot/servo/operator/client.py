@@ -60,15 +60,16 @@ class ServoClient:
     The first command that moves or changes something takes the authority over the arm, and the connection keeps it
     until it is closed; to look, to stop and to take power away needs none. Arm power stays as it is when the
     connection ends. After a request that was broken off, by LinkTimeout or KeyboardInterrupt, the next one is made by
-    a new connection: whatever is still said to the one before is never heard.
+    a new connection: whatever is still said to the one before is never heard. Where that fails, the next one tries it.
 
     Args:
         arm: instance name of the deployment.
         timeout_s: patience with one reply.
 
     Raises:
-        LinkError: no servo of that arm runs here. Every method: LinkTimeout, LinkLost when it does not answer;
-            QRobotError with the servo's own words when it refuses; ConfigError when no such request can be made.
+        LinkError: no servo of that arm runs here; LinkTimeout: it takes no connection any more. Every method too, and
+            LinkTimeout, LinkLost when it does not answer; QRobotError with the servo's own words when it refuses;
+            ConfigError when no such request can be made.
     """
 
     def __init__(self, arm: str, timeout_s: float = TIMEOUT_S) -> None:
@@ -207,17 +208,19 @@ class ServoClient:
         self.close()
 
     def _connect(self) -> None:
-        self._broken_off, self._unread = False, b""
+        self._broken_off, self._unread = True, b""  # until it is connected
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         self._socket.settimeout(self._patience_s)
         try:
             connect_to_servo(self.arm, self._socket)
+            self._broken_off = False
+        except BlockingIOError:  # it hangs, and too many wait for it
+            raise LinkTimeout(f"the servo of {self.arm} does not answer") from None
         except OSError:
-            self._socket.close()
             raise LinkError(_nobody(self.arm)) from None
-        except QRobotError:
-            self._socket.close()
-            raise
+        finally:
+            if self._broken_off:
+                self._socket.close()
 
     def _ask(self, request: OperatorRequest) -> ServoStatus:
         reply = self._reply(request)

@@ -56,8 +56,11 @@ def arms_that_run() -> list[str]:
 
 def _listens(arm: str) -> bool:
     with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as connection:
+        connection.setblocking(False)
         try:
             connect_to_servo(arm, connection)
+        except BlockingIOError:  # it hangs, and as many as the kernel lets wait for it
+            return True
         except (OSError, LinkError):
             return False
     return True
@@ -66,7 +69,8 @@ def _listens(arm: str) -> bool:
 def connect_to_servo(arm: str, connection: socket.socket) -> None:
     """Connect to the servo of an arm.
 
-    Raises OSError when none listens, LinkError when whoever listens is of another account than the folder.
+    Raises OSError when none listens, of it BlockingIOError when too many wait for one and `connection` does not block
+    or has a timeout, LinkError when whoever listens is of another account than the folder.
     """
     with look_into_folder() as folder:
         connection.connect(folder.address_of(control_name(arm)))

@@ -924,6 +924,36 @@ def test_the_late_answer_to_a_request_is_never_taken_for_that_to_the_next() -> N
             client.fences()
 
 
+def test_a_client_speaks_to_a_servo_that_is_there_again_also_when_it_looked_for_it_too_early() -> None:
+    arm = f"t{uuid.uuid4().hex[:10]}"
+    with ControlSocket(arm, lambda *_: b"", lambda _: None) as mute, _served(mute):
+        client = ServoClient(arm, 0.2)
+        with pytest.raises(LinkTimeout):
+            client.fences()
+    client._patience_s = PATIENCE_S
+    for _ in range(2):
+        with pytest.raises(LinkError, match=f"no servo of {arm} runs here"):
+            client.fences()
+    answer = encode(Reply(ok=True, fences=()))
+    with ControlSocket(arm, lambda *_: answer, lambda _: None) as back, _served(back), client:
+        assert client.fences() == ()
+
+
+def test_a_servo_that_takes_no_connection_any_more_runs_and_is_said_not_to_answer(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    memory = Path(tempfile.mkdtemp(dir=MEMORY_FOLDER))
+    monkeypatch.setenv("QROBOT_RUNTIME_DIR", str(memory))
+    with contextlib.ExitStack() as stack:
+        stack.enter_context(ControlSocket("hung", print, print))  # type: ignore[arg-type]
+        for _ in range(MAX_CLIENTS + 1):  # as many as the kernel keeps for whoever listens
+            stack.enter_context(ServoClient("hung"))
+        with pytest.raises(LinkTimeout, match="the servo of hung does not answer"):
+            ServoClient("hung")
+        assert arms_that_run() == ["hung"]
+    shutil.rmtree(memory)
+
+
 def test_whoever_breaks_off_a_request_may_stop_the_arm_by_the_same_client(
     servo: Bench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
