@@ -169,7 +169,7 @@ class SharedMemory:
         except FileNotFoundError:
             return False
         try:
-            fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            fcntl.flock(fd, fcntl.LOCK_SH | fcntl.LOCK_NB)  # nobody else who looks is in the way
         except BlockingIOError:
             return True
         finally:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import fcntl
 import os
 import signal
 import subprocess
@@ -92,6 +93,21 @@ def test_a_peer_that_probes_for_the_owner_does_not_keep_a_new_one_out(name: str)
     with SharedMemory.create(name, 1, 64):
         peer.communicate(timeout=PATIENCE_S)
         assert peer.returncode == 0
+
+
+def test_two_who_look_at_once_do_not_take_each_other_for_the_owner(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    kill(start_owner(name))
+    flock, seen = fcntl.flock, []
+    with SharedMemory.attach(name, 1) as first, SharedMemory.attach(name, 1) as second:
+
+        def look_meanwhile(fd: int, how: int) -> None:
+            flock(fd, how)
+            monkeypatch.setattr(fcntl, "flock", flock)
+            seen.append(second.owner_alive)
+
+        monkeypatch.setattr(fcntl, "flock", look_meanwhile)
+        assert not first.owner_alive
+    assert seen == [False]
 
 
 def test_what_a_killed_owner_left_is_discarded_and_what_a_living_one_has_is_not(name: str) -> None:
