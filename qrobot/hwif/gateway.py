@@ -103,7 +103,8 @@ class Gateway:
         return taken
 
     def _drop_posted(self) -> None:
-        self._memory.facts.dropped += self._take_posted()
+        taken = self._take_posted()  # counts there too, so first
+        self._memory.facts.dropped += taken
 
     def _publish(self, asked_ns: int) -> None:
         """Show the image, with the time at which it was asked for: the board's own clock is not ours."""

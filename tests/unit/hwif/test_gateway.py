@@ -9,7 +9,7 @@ import pytest
 from qrobot.arrays import Words
 from qrobot.config.deployment import BoardChoice
 from qrobot.hwif.board_look import BoardLooker
-from qrobot.hwif.board_memory import Lane, fetch_image, local_board_memory
+from qrobot.hwif.board_memory import LANE_CAPACITY, Lane, fetch_image, local_board_memory
 from qrobot.hwif.bus import BoardFacts
 from qrobot.hwif.gateway import RETRY_NS, Gateway
 from qrobot.hwif.image import IMAGE_COUNT, IMAGE_ENC_COUNT, IMAGE_T_NS, make_image
@@ -124,6 +124,14 @@ def test_while_the_bus_is_away_the_image_stands_still_and_what_is_posted_is_drop
     assert not desk.end.lists
     assert pending_operations(desk.memory, int(Lane.SERVO)) == 0
     assert (desk.gateway.dropped, desk.gateway.losses, desk.bus.closed) == (3, 1, 2)
+
+
+def test_a_lane_out_of_step_is_counted_also_while_the_board_is_away(desk: Desk) -> None:
+    desk.bus.cut = True
+    desk.step()
+    desk.memory.lanes[Lane.SERVO].head += 2 * LANE_CAPACITY
+    desk.step()
+    assert desk.gateway.dropped == 1
 
 
 def test_a_board_found_again_is_made_safe_and_gets_nothing_of_what_was_posted_meanwhile(desk: Desk) -> None:
