@@ -12,7 +12,7 @@ import numpy as np
 
 from qrobot.config import Robot
 from qrobot.errors import LinkTimeout
-from qrobot.hwif.bus import NO_OPERATIONS, BoardFacts, Bus, safe_operations
+from qrobot.hwif.bus import NO_OPERATIONS, BoardFacts, Bus, Operations, safe_operations
 from qrobot.hwif.image import IMAGE_COUNT, IMAGE_T_NS, input_at, make_image
 from qrobot.hwif.operations import OP_FIELDS, OP_READ, OP_WRITE
 from qrobot.hwif.registers import (
@@ -50,6 +50,7 @@ class Walk:
         self.bus, self.robot, self.ask = bus, robot, ask
         self.facts = BoardFacts("F", robot.n)
         self._image = make_image()
+        self._found: int | None = None
 
     def begin(self) -> None:
         """Find the board. Raises LinkError."""
@@ -57,7 +58,7 @@ class Walk:
 
     def look(self) -> None:
         """The newest image."""
-        self.bus.exchange(NO_OPERATIONS, self._image)
+        self._exchange(NO_OPERATIONS)
 
     def write(self, *pairs: tuple[int, int]) -> None:
         """Write (offset, value) pairs in order; the image shows what they did."""
@@ -65,11 +66,20 @@ class Walk:
 
     def do(self, *accesses: RegisterAccess) -> None:
         """Apply operations (kind, offset, value) as `write` does, with reads for their side effect among them."""
-        self.bus.exchange(np.array(accesses, np.int64).reshape(-1, OP_FIELDS), self._image)
+        self._exchange(np.array(accesses, np.int64).reshape(-1, OP_FIELDS))
 
     def make_safe(self) -> None:
-        """Torque and power off, also where images have stopped coming; the scratch bits stay as the newest has them."""
-        self.bus.exchange(safe_operations(self.status), self._image)
+        """Torque and power off, also where images have stopped coming; the scratch bits become those of the first one.
+
+        A board that the newest image shows uncalibrated stays so.
+        """
+        found = self.status if self._found is None else self._found
+        self._exchange(safe_operations(found & (self.status | ~DISCRETE_CALIBRATED)))
+
+    def _exchange(self, operations: Operations) -> None:
+        self.bus.exchange(operations, self._image)
+        if self._found is None:
+            self._found = self.status
 
     def word(self, offset: int) -> int:
         """An input word of the newest image."""

@@ -20,13 +20,16 @@ from qrobot.hwif.registers import (
     DAC,
     DAC_ZERO,
     DISCRETE,
+    DISCRETE_CALIBRATED,
+    DISCRETE_HAND_RELAXED,
+    DISCRETE_J6_OVERFLOW,
     DISCRETE_POWER,
     ENC_LOAD,
     STATUS_ADC_BUSY,
     STATUS_INDEX,
 )
 from qrobot.rig.board_check import STEPS, Permissions, StepError, StepResult, check_board
-from qrobot.rig.board_walk import Walk
+from qrobot.rig.board_walk import SCRATCH, Walk
 from qrobot.rig.interrupts import interrupted_by_signals
 from qrobot.sim_board.board import BoardOptions
 from qrobot.sim_board.emulator import Emulator
@@ -115,6 +118,30 @@ def test_a_board_that_is_not_calibrated_is_not_left_calibrated() -> None:
     desk = Desk(calibrated=False)
     desk.check()
     assert not desk.emulator.calibrated
+
+
+@pytest.mark.parametrize("found", [0, DISCRETE_J6_OVERFLOW, SCRATCH])
+@pytest.mark.parametrize("error", [KeyboardInterrupt, LinkLost])
+def test_scratch_bits_that_were_tried_are_not_left_on_a_board_also_when_that_is_broken_off_twice(
+    found: int, error: type[BaseException]
+) -> None:
+    desk = Desk(calibrated=False)
+    desk.end.apply(np.array([(OP_WRITE, DISCRETE, found)], np.int64))
+    exchange, left = desk.bus.exchange, [2]
+
+    def interrupt(operations: Operations, image: Words) -> None:
+        if left[0] and desk.written[-1:] == [(DISCRETE, DISCRETE_CALIBRATED | DISCRETE_HAND_RELAXED)]:
+            left[0] -= 1
+            raise error
+        exchange(operations, image)
+
+    desk.bus.exchange = interrupt  # type: ignore[method-assign]
+    with contextlib.suppress(KeyboardInterrupt):
+        assert not all(finding.ok for finding in desk.check())
+    assert left == [0]
+    image = make_image()
+    desk.end.read_image(image)
+    assert image[IMAGE_STATUS] & SCRATCH == found
 
 
 def test_a_dry_run_writes_nothing() -> None:
