@@ -106,6 +106,9 @@ FACTS: Final = {
         "the same cycle; no such torque is written",
         f"{CYCLE}::test_a_law_that_breaks_while_tracking_is_replaced_and_the_arm_stopped",
     ),
+    F.BOARD_JOINTS: Fact(
+        "power is refused", f"{SUPERVISOR}::test_power_is_refused_with_the_reason_and_not_given_later_by_itself", False
+    ),
     F.MOVING_AT_START: Fact(
         "power is refused", f"{SUPERVISOR}::test_power_is_refused_with_the_reason_and_not_given_later_by_itself", False
     ),

@@ -25,6 +25,7 @@ class FaultCode(IntEnum):
     CAL_INDEX = 7
     ENC_LOSS = 8
     BOARD_GONE = 9
+    BOARD_JOINTS = 80
     VEL_LIMIT = 10
     # actuators and power
     DAC_STUCK = 11
@@ -143,6 +144,10 @@ EXPLANATION: dict[FaultCode, tuple[str, str]] = {
     FaultCode.BOARD_GONE: (
         "the board does not answer or its data are stale",
         "check the board or its process, then `qrobot ctl clear`",
+    ),
+    FaultCode.BOARD_JOINTS: (
+        "the board has fewer encoder channels than the robot has joints",
+        "put right the robot, board or drives of the deployment file, then ask for power again",
     ),
     FaultCode.VEL_LIMIT: ("a joint moved faster than its limit", "lower the commanded speed, then `qrobot ctl clear`"),
     FaultCode.DAC_STUCK: (

@@ -138,7 +138,12 @@ def servo_settings(
     interpolation: str | None = None,
     reduced_speed: bool = False,
 ) -> ServoSettings:
-    """Settings of the deployment file, with what the command line overrides."""
+    """Settings of the deployment file, with what the command line overrides.
+
+    Raises:
+        ConfigError: a drive of the arm is missing, or what the file names is damaged or another robot's.
+    """
+    _require_drives(arm)
     return ServoSettings(
         rate_hz=arm.servo.rate_hz if rate_hz is None else rate_hz,
         law=arm.servo.law if law is None else law,
@@ -166,6 +171,14 @@ def servo_settings(
         pots=arm.board.pots,
         fences=fences_of_arm(arm),
     )
+
+
+def _require_drives(arm: DeployedArm) -> None:
+    """Raise ConfigError when there is not a drive for each joint."""
+    robot = robot_of_arm(arm)
+    if arm.board.drives is not None and len(arm.board.drives.nodes) < robot.n:
+        count = len(arm.board.drives.nodes)
+        raise ConfigError(f"drives.nodes of {arm.name} names {count} drives, {robot.name} has {robot.n} joints")
 
 
 def force_calibration_of(arm: DeployedArm) -> ForceCalibration | None:

@@ -154,6 +154,7 @@ class ServoState:
     read_ns: int = 0  # when encoder words were last taken from an image
     adopt: int = ADOPT_BOARD  # what to take over from the next good image
     revision: int = 0  # of the board, as it says itself
+    board_joints: int = 0  # encoder channels of the board, as it says itself; 0 where it has said nothing yet
     module_losses: int = 0  # times a remote module beside the board was lost, as its side says
     calibrates_seen: int = 0
     outputs: int = 0  # in force, output 1 in bit 0

@@ -286,7 +286,7 @@ def serve(
         card: of a board on this machine's own bus: the loop reaches it itself, and this process owns the board memory.
 
     Raises:
-        ConfigError: the robot has more joints than a board, the card's ports are refused, or the gains by
+        ConfigError: the robot has more joints than a board or this one, the card's ports are refused, or the gains by
             `servo.laws.stability`.
         LinkError: no board serves this arm, or no card answers.
         LinkBusy: another servo runs this arm.
@@ -302,7 +302,7 @@ def serve(
     await_turn()
     if board_comes_later:
         _insist_on_a_board(arm, card)
-    board = _board_memory(arm, card, robot.n, settings.period_ns)
+    board = _board_memory(arm, card, robot, settings.period_ns)
     rows = _ring_rows(arm, robot, settings, report)
     with (
         interrupted_by_sigterm(),  # the loop is not there yet to be asked for an end
@@ -343,11 +343,16 @@ def _insist_on_a_board(arm: str, card: Words) -> None:
         PortBus(card).connect()
 
 
-def _board_memory(arm: str, card: Words, joints: int, period_ns: int) -> BoardSegment:
-    """Attach the memory of a board process, or make one for a card."""
-    if card[CARD_KIND] == NO_CARD:
-        return command_board_memory(arm)
-    return own_board_memory(arm, card, joints, period_ns)
+def _board_memory(arm: str, card: Words, robot: Robot, period_ns: int) -> BoardSegment:
+    """Attach the memory of a board process, or make one for a card. Raises ConfigError when it has too few channels."""
+    if card[CARD_KIND] != NO_CARD:
+        return own_board_memory(arm, card, robot.n, period_ns)
+    board = command_board_memory(arm)
+    channels = int(board.memory.facts.joints)
+    if 0 < channels < robot.n:  # 0 of a gateway that looks for its board yet: one with too few gets no power
+        board.close()
+        raise ConfigError(f"{robot.name} has {robot.n} joints, its board tells of {channels} encoder channels")
+    return board
 
 
 def _ring_rows(arm: str, robot: Robot, settings: ServoSettings, report: Report) -> int:

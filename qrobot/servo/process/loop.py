@@ -92,6 +92,7 @@ def one_cycle(
     state.image_taken_ns = board.facts.taken_ns if board.facts.taken_ns != 0 else state.image[IMAGE_T_NS]
     state.image_age_ns = now_ns + late_ns - state.image_taken_ns
     state.revision, state.module_losses = board.facts.revision, board.facts.module_losses
+    state.board_joints = board.facts.joints
     n_ops = cycle(params, state, mail, now_ns, late_ns)
     posted = post_operations(board, SERVO_LANE, state.ops, n_ops, now_ns)
     note_post(state.adc, newest_count(board), now_ns)

@@ -58,6 +58,7 @@ FAULTED: Final = int(Mode.FAULT)
 NONE: Final = int(FaultCode.NONE)
 ESTOP: Final = int(FaultCode.ESTOP)
 BOARD_GONE: Final = int(FaultCode.BOARD_GONE)
+BOARD_JOINTS: Final = int(FaultCode.BOARD_JOINTS)
 POWER_LOST: Final = int(FaultCode.POWER_LOST)
 POWER_NO_ACK: Final = int(FaultCode.POWER_NO_ACK)
 GUARD_LOST: Final = int(FaultCode.GUARD_LOST)
@@ -169,6 +170,8 @@ def _leave_off(params: ServoParameters, state: ServoState, mail: Any, now_ns: in
     """Power is wanted: grant the request or say why not."""
     if state.image_ok == 0:
         report_event(state, BOARD_GONE)
+    elif 0 < state.board_joints < state.q.size:
+        report_event(state, BOARD_JOINTS)  # a joint would have an angle that nobody has measured
     elif state.status & STATUS_ESTOP_OK == 0:
         report_event(state, ESTOP)
     elif not guardian_alive(params, mail, now_ns):

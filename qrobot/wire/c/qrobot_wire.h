@@ -233,6 +233,7 @@ static inline const char *qrobot_fault_text(int code)
     case 75: return "IO_LOST: a remote module beside the board does not answer; its inputs read as safe";
     case 78: return "LAW_BOUNDS: the control law wrote past the end of an array";
     case 79: return "FENCE: the arm would enter a fence of the deployment file, or come too near another arm, or one that is not heard of";
+    case 80: return "BOARD_JOINTS: the board has fewer encoder channels than the robot has joints";
     default: return "a code that is not known here";
     }
 }

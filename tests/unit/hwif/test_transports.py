@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import socket
 from pathlib import Path
 
@@ -91,6 +92,13 @@ def test_the_mode_of_the_drives_is_known_to_the_servo(tmp_path: Path, mode: str)
     table = DRIVES.replace("torque_permille", "#") if mode == "position" else DRIVES
     [arm] = load(tmp_path, f"{table}absolute = true\nmode = '{mode}'\n").arm
     assert servo_settings(arm).position_drives == (mode == "position")
+
+
+def test_an_arm_with_a_joint_that_has_no_drive_is_refused(tmp_path: Path) -> None:
+    table = re.sub(r"(, -?[0-9.]+)\]", "]", DRIVES)  # the sixth number of each list
+    [arm] = load(tmp_path, table).arm
+    with pytest.raises(ConfigError, match=r"drives\.nodes of .* names 5 drives, puma560 has 6 joints"):
+        servo_settings(arm)
 
 
 def test_a_law_is_refused_where_nobody_obeys_it(tmp_path: Path) -> None:

@@ -28,7 +28,7 @@ from qrobot.config.fences import Fence
 from qrobot.errors import ConfigError, LinkBusy, LinkError, LinkLost, LinkTimeout, QRobotError, RemoteProtocolError
 from qrobot.faultcodes import FaultCode
 from qrobot.fences.fence_set import FenceSet
-from qrobot.hwif.board_memory import local_board_memory, publish_image
+from qrobot.hwif.board_memory import command_board_memory, create_board_memory, local_board_memory, publish_image
 from qrobot.hwif.image import IMAGE_COUNT, IMAGE_T_NS, make_image
 from qrobot.modecodes import Mode
 from qrobot.realtime.page_faults import FaultWatch
@@ -974,6 +974,15 @@ def test_a_board_has_no_counter_for_a_seventh_joint() -> None:
         pytest.raises(ConfigError, match="seven has 7 joints, a board has 6 encoder channels"),
     ):
         serve("nobody", robot, ServoSettings(), False, report, print)
+
+
+def test_a_board_that_tells_of_too_few_encoder_channels_gets_no_servo() -> None:
+    name = f"t{uuid.uuid4().hex[:10]}"
+    with create_board_memory(name) as board:
+        board.memory.facts.joints = 5
+        with pytest.raises(ConfigError, match="puma560 has 6 joints, its board tells of 5 encoder channels"):
+            serve(name, load_robot("puma560"), ServoSettings(), False, print, print)
+        command_board_memory(name).close()  # nobody holds it
 
 
 def test_resume_is_heard_as_the_end_of_a_pause_also_when_there_was_none(servo: Bench) -> None:

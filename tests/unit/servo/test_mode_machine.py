@@ -100,6 +100,7 @@ def release_estop(bench: ServoBench) -> None:
             lambda bench: bench.before.append(lambda _now: bench.q.__setitem__(3, bench.q[3] + 2e-4)),
             FaultCode.MOVING_AT_START,
         ),
+        (lambda bench: setattr(bench.board.facts, "joints", 5), FaultCode.BOARD_JOINTS),
     ],
 )
 def test_power_is_refused_with_the_reason_and_not_given_later_by_itself(
@@ -113,6 +114,7 @@ def test_power_is_refused_with_the_reason_and_not_given_later_by_itself(
     assert (bench.mode, bench.event) == (Mode.OFF, code)
     bench.estop_ok, bench.beating, bench.frozen = True, True, False
     bench.before.clear()
+    bench.board.facts.joints = 6
     bench.run(0.5)
     assert bench.mode is Mode.OFF
     bench.mailbox.request_power(False)
