@@ -17,6 +17,8 @@ from qrobot.report import Report
 from qrobot.servo.calibration.table import TableFormat
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from qrobot.config import Robot
     from qrobot.config.deployment import DeployedArm
     from qrobot.servo.memory.mailbox import CalibrationProgress
@@ -37,7 +39,7 @@ def calibrate(
     The joints creep one after the other over a few index pulses each, up to a turn of a motor more on either side:
     keep clear. The potentiometers tell which index pulse is which. Then the counters are loaded, and stay right until
     the board loses its supply, whatever is restarted meanwhile. A calibration that cannot be certain is refused, with
-    its reason. Arm power is left as it was.
+    its reason. Arm power is left as it was. A calibration that is under way already is followed to its end.
 
     Parameters
     ----------
@@ -68,27 +70,38 @@ def calibrate(
     return SUCCESS
 
 
-def calibrate_arm(arm: DeployedArm, indexes: int = 0, report: Report | None = None) -> CalibrationReport:
+def calibrate_arm(
+    arm: DeployedArm, indexes: int = 0, report: Report | None = None, look: Callable[[], None] = lambda: None
+) -> CalibrationReport:
     """Have the running servo of an arm calibrate it; how far it is the terminal shows, or `report` is told.
+
+    SIGTERM, and SIGHUP of a closed terminal, stop it as Ctrl-C does: no commander is left that could. `look` is called
+    while it goes on; what it raises stops it too. From the main thread.
 
     Raises:
         LinkError: no servo runs, or it does not answer any more.
         LinkBusy: somebody else commands the arm.
         ConfigError, ServoFault: what `run_calibration` raises.
     """
+    from qrobot.rig.interrupts import interrupted_by_signals
     from qrobot.servo.memory.commander_lock import Authority
     from qrobot.servo.memory.mailbox import ServoMailbox
     from qrobot.servo.memory.servo_memory import attach_servo_memory
     from qrobot.servo.operator.calibration_client import run_calibration
 
+    def follow(now: CalibrationProgress) -> None:
+        look()
+        bars.show(now)
+
     memory, authority = attach_servo_memory(arm.name), Authority(arm.name)
-    try:
-        authority.take("qrobot calibrate")
-        with _Bars(robot_of_arm(arm), report) as bars:
-            return run_calibration(ServoMailbox(memory.words), time.sleep, indexes, bars.show)
-    finally:
-        authority.release()
-        memory.close()
+    with interrupted_by_signals():
+        try:
+            authority.take("qrobot calibrate")
+            with _Bars(robot_of_arm(arm), report) as bars:
+                return run_calibration(ServoMailbox(memory.words), time.sleep, indexes, follow)
+        finally:
+            authority.release()
+            memory.close()
 
 
 class _Bars:

@@ -13,6 +13,8 @@ from qrobot.cli.option_types import OutputFolder, checked_folder
 from qrobot.report import QueuedReport, Report
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from qrobot.config.deployment import DeployedArm
     from qrobot.rig.processes import ProcessRig
 
@@ -57,35 +59,45 @@ def up(
         if arm.log.directory:
             checked_folder(Path(arm.log.directory))
     with QueuedReport(note) as told, ProcessRig(out_dir) as rig:  # no line may keep the processes from being ended
+        look = _looks(rig, told)
         for arm in arms:
             told(f"starting {arm.name} (a first start compiles for half a minute or more)")
             ArmProcesses(rig, deployment, arm, ("--reduced-speed",) if reduced_speed else ()).start_all()
             if calibrate or arm.board.calibrate_at_start:
-                _calibrate(arm, told)
+                _calibrate(arm, told, look)
             told(f"{arm.name} is up: programs reach it at {arm.bridge.host}:{arm.bridge.port}")
         told("Ctrl-C ends everything")
         with suppress(KeyboardInterrupt):
-            _watch(rig, told)
+            _watch(look)
         told("stopping")
     return SUCCESS
 
 
-def _calibrate(arm: DeployedArm, told: Report) -> None:
-    """Leave the arm with counters that are right. Raises what `calibrate_arm` raises."""
+def _calibrate(arm: DeployedArm, told: Report, look: Callable[[], None]) -> None:
+    """Leave the arm with counters that are right. Raises what `calibrate_arm` and `look` raise."""
     from qrobot.cli.calibrate import calibrate_arm
 
     told(f"calibrating {arm.name}, unless its board has kept its counters: keep clear, it moves")
-    kept = calibrate_arm(arm, report=told).was_calibrated
+    kept = calibrate_arm(arm, report=told, look=look).was_calibrated
     told(f"{arm.name} is calibrated{': its board has kept the counters' if kept else ''}")
 
 
-def _watch(rig: ProcessRig, told: Report) -> None:
-    """Return never; raise LinkLost when a process has ended that the arm cannot do without."""
+def _looks(rig: ProcessRig, told: Report) -> Callable[[], None]:
+    """A look after all processes; it raises LinkLost when one has ended that the arm cannot do without."""
     from qrobot.rig.log_trouble import LogTrouble
     from qrobot.rig.restarts import Restarts
 
     restarts, trouble = Restarts(rig, told), LogTrouble(told)
-    while True:
-        time.sleep(POLL_S)
+
+    def look() -> None:
         restarts.look()
         trouble.look([child for child in rig.children.values() if not child.plan.vital])
+
+    return look
+
+
+def _watch(look: Callable[[], None]) -> None:
+    """Return never; raise what `look` raises."""
+    while True:
+        time.sleep(POLL_S)
+        look()

@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import json
+import signal
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
 from qrobot.config.deployment import load_deployment
+from qrobot.faultcodes import FaultCode
 from qrobot.modecodes import Mode
 from qrobot.rig.deployed import ArmProcesses
 from qrobot.rig.processes import ProcessRig
 from qrobot.servo.memory.mailbox import ServoMailbox
-from qrobot.servo.memory.published_state import FLAG_CALIBRATED
+from qrobot.servo.memory.published_state import FLAG_CALIBRATED, ServoSnapshot
 from qrobot.servo.memory.servo_memory import attach_servo_memory
 from tests.support.patience import wait_until
 from tests.support.processes import left_behind, qrobot, write_deployment
@@ -51,10 +53,29 @@ def test_an_arm_just_switched_on_is_calibrated_and_a_new_servo_adopts_that(proce
     assert "calibrated already" in said
 
 
-def flags(arm: str) -> int:
-    """FLAG_* of the running servo, which is off."""
+def test_a_calibration_whose_terminal_is_closed_or_that_is_ended_stops_and_gives_power_back(
+    processes: ArmProcesses,
+) -> None:
+    arm = processes.arm.name
+    for number in (signal.SIGHUP, signal.SIGTERM):
+        command = qrobot("calibrate", processes.deployment, "--arm", arm)
+        wait_until(lambda: snapshot(arm).mode == Mode.CALIBRATING, "the arm creeps")
+        command.send_signal(number)
+        command.communicate(timeout=CALIBRATION_S)
+        wait_until(lambda: snapshot(arm).mode == Mode.OFF, f"power is off after {number.name}")
+        assert snapshot(arm).event == FaultCode.CAL_STOPPED
+
+
+def snapshot(arm: str) -> ServoSnapshot:
+    """State of the running servo."""
     memory = attach_servo_memory(arm)
     state = ServoMailbox(memory.words).snapshot()
     memory.close()
+    return state
+
+
+def flags(arm: str) -> int:
+    """FLAG_* of the running servo, which is off."""
+    state = snapshot(arm)
     assert state.mode == Mode.OFF or state.tick == 0
     return state.flags

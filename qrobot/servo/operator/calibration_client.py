@@ -18,6 +18,8 @@ POLL_S: Final = 0.05
 POWER_PATIENCE_S: Final = 6.0  # the servo's own is 3 s
 FORGET_S: Final = 0.2  # until the board shows that the calibrated bit is gone
 POWERED: Final = (Mode.UNCALIBRATED, Mode.HOLDING)
+BEGINNINGS: Final = (Mode.OFF, Mode.UNCALIBRATED, Mode.CALIBRATING)
+SILENCE_S: Final = 1.0  # without a new tick the servo has died, or another one has taken its place
 CALIBRATION_PATIENCE_S: Final = 600.0  # six joints take half a minute; fourteen pulses twice that
 
 Wait = Callable[[float], None]
@@ -55,15 +57,17 @@ def run_calibration(
 ) -> CalibrationReport:
     """Power the arm if it has none, calibrate it, and leave power as it was.
 
+    A calibration that is under way already is followed to its end. What goes wrong, and Ctrl-C, stop it.
+
     Args:
         mailbox: of the servo, which nobody else commands meanwhile.
         wait: lets so many seconds pass; virtual ones in lock-step.
-        indexes: pulses a joint, 3 to 14; 0 for the servo's default.
+        indexes: pulses a joint, 3 to 14; 0 for the servo's default. One that is under way keeps its own number.
         progress: called as the calibration goes on.
 
     Raises:
         ConfigError: that number of indexes is not possible.
-        ServoFault: the servo refused; its code, and what to do.
+        ServoFault: the servo refused, or is in a mode in which it would; its code, and what to do.
         LinkTimeout: the servo does not answer.
     """
     if indexes and not FEWEST_INDEXES <= indexes <= MOST_INDEXES:
@@ -71,11 +75,15 @@ def run_calibration(
     before = mailbox.snapshot()
     if before.flags & FLAG_CALIBRATED and before.event != FaultCode.CAL_MISMATCH:
         return ALREADY
-    had_power = before.mode == Mode.UNCALIBRATED
+    if before.mode not in BEGINNINGS:
+        raise ServoFault(before.fault, _refusal(before, f"the servo is in mode {mode_name(before.mode)}, not OFF"))
+    had_power = before.mode != Mode.OFF
     try:
         if not had_power and _power_on(mailbox, wait, before) == Mode.HOLDING:
             return ALREADY
-        found = _calibrate(mailbox, wait, indexes, progress)
+        if before.mode != Mode.CALIBRATING:
+            mailbox.request_calibration(indexes)
+        found = _follow(mailbox, wait, progress)
     except BaseException:
         mailbox.request_stop()
         raise
@@ -92,8 +100,6 @@ def _power_on(mailbox: ServoMailbox, wait: Wait, before: ServoSnapshot) -> int:
 
     Counters that the potentiometers contradict are given up first.
     """
-    if before.mode != Mode.OFF:
-        raise ServoFault(before.fault, _refusal(before, f"the servo is in mode {mode_name(before.mode)}, not OFF"))
     if before.flags & FLAG_CALIBRATED:
         mailbox.request_calibration()
     mailbox.request_power(False)
@@ -111,8 +117,7 @@ def _power_on(mailbox: ServoMailbox, wait: Wait, before: ServoSnapshot) -> int:
     return state.mode
 
 
-def _calibrate(mailbox: ServoMailbox, wait: Wait, indexes: int, progress: FollowCalibration) -> CalibrationProgress:
-    mailbox.request_calibration(indexes)
+def _follow(mailbox: ServoMailbox, wait: Wait, progress: FollowCalibration) -> CalibrationProgress:
     wait(POLL_S)
 
     def ended(state: ServoSnapshot) -> bool:
@@ -128,14 +133,16 @@ def _calibrate(mailbox: ServoMailbox, wait: Wait, indexes: int, progress: Follow
 def _until(
     mailbox: ServoMailbox, wait: Wait, reached: Callable[[ServoSnapshot], bool], patience_s: float
 ) -> ServoSnapshot:
-    tick = mailbox.snapshot().tick
+    tick, silent_s = -1, 0.0
     for _ in range(round(patience_s / POLL_S)):
         state = mailbox.snapshot()
         if reached(state):
             return state
+        silent_s = silent_s + POLL_S if state.tick == tick else 0.0
+        if silent_s > SILENCE_S:
+            raise LinkTimeout("the servo does not run any more: see `qrobot doctor`, then start it again")
+        tick = state.tick
         wait(POLL_S)
-    if mailbox.snapshot().tick == tick:
-        raise LinkTimeout("the servo does not run any more: see `qrobot doctor`, then start it again")
     raise LinkTimeout(f"the servo stays in mode {mode_name(mailbox.snapshot().mode)}: is its arm free to move?")
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -10,10 +11,11 @@ import pytest
 from qrobot.cli import up as command
 from qrobot.cli.console import run_app
 from qrobot.cli.main import make_app
-from qrobot.errors import ServoFault
+from qrobot.errors import LinkLost, ServoFault
 from qrobot.faultcodes import FaultCode
 from qrobot.rig.deployed import ArmProcesses
 from qrobot.rig.processes import ProcessRig
+from qrobot.rig.restarts import Restarts
 from qrobot.servo.operator.calibration_client import ALREADY, CalibrationReport
 from tests.support.patience import PATIENCE_S
 from tests.support.processes import write_deployment
@@ -103,6 +105,25 @@ def test_a_calibration_that_is_refused_ends_everything_with_its_reason(tmp_path,
     assert up(tmp_path, "--calibrate") == 1
     assert pretence.done == ["start", "calibrate"]
     assert "CAL_VOTE" in capsys.readouterr().err
+
+
+def test_a_process_that_dies_while_an_arm_calibrates_ends_everything_and_is_named(
+    tmp_path, monkeypatch, capsys
+) -> None:
+    pretence = Pretence(monkeypatch, FOUND)
+
+    def creep(*_: object, look: Callable[[], None], **__: object) -> CalibrationReport:
+        look()
+        return pretence.calibrate()
+
+    def lose_the_board(_: Restarts) -> None:
+        raise LinkLost("puma560-board has ended: no supply")
+
+    monkeypatch.setattr("qrobot.cli.calibrate.calibrate_arm", creep)
+    monkeypatch.setattr(Restarts, "look", lose_the_board)
+    assert up(tmp_path, "--calibrate") == 1
+    assert pretence.done == ["start"]
+    assert "board has ended: no supply" in capsys.readouterr().err
 
 
 def test_to_be_calibrated_at_start_an_arm_needs_a_table(tmp_path, capsys) -> None:

@@ -5,11 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from qrobot.errors import ConfigError, ServoFault
+from qrobot.errors import ConfigError, LinkTimeout, ServoFault
 from qrobot.faultcodes import NO_JOINT, FaultCode
 from qrobot.modecodes import Mode
 from qrobot.servo.calibration.state import Stage
 from qrobot.servo.memory.published_state import FLAG_CALIBRATED
+from qrobot.servo.operator.calibration_client import run_calibration
 from qrobot.sim_board.emulator import Emulator
 from qrobot.sim_board.faults import FaultPlan
 from tests.support.calibrating import PUMA, CalibratingRig, random_pose
@@ -387,6 +388,55 @@ def test_the_client_tells_the_servos_reason() -> None:
     with pytest.raises(ServoFault, match="joint 5: CAL_INDEX: an index pulse was missing") as refusal:
         rig.calibrate()
     assert refusal.value.code == FaultCode.CAL_INDEX
+
+
+@pytest.mark.parametrize("joint", [0, 2])
+def test_the_client_follows_a_calibration_that_is_under_way(joint: int) -> None:
+    rig = CalibratingRig().calibrating(3, joint=joint)
+    report = rig.calibrate()
+    assert report.votes == [3] * PUMA.n
+    assert rig.mode is Mode.HOLDING
+    assert rig.exact()
+
+
+def powering() -> CalibratingRig:
+    rig = CalibratingRig()
+    rig.run_for(0.3)
+    rig.mailbox.request_power(True)
+    rig.ticks(1)
+    return rig
+
+
+def stopped_by_hand() -> CalibratingRig:
+    rig = CalibratingRig().powered()
+    rig.board.panel.estop = 1
+    rig.run_for(0.1)
+    return rig
+
+
+@pytest.mark.parametrize(("begin", "mode"), [(powering, Mode.POWERING), (stopped_by_hand, Mode.FAULT)])
+def test_the_client_touches_nothing_in_a_mode_in_which_it_refuses(begin, mode: Mode) -> None:
+    rig = begin()
+    assert rig.mode is mode
+    asked = np.copy(rig.mail.command).tobytes()
+    with pytest.raises(ServoFault, match=f"in mode {mode.name}, not OFF"):
+        rig.calibrate()
+    assert np.copy(rig.mail.command).tobytes() == asked
+    assert rig.mode is mode
+
+
+def test_the_client_does_not_wait_for_a_servo_that_has_died() -> None:
+    rig, waited_s = CalibratingRig(), [0.0]
+
+    def wait(seconds: float) -> None:
+        if rig.mode is Mode.CALIBRATING:
+            waited_s[0] += seconds
+        else:
+            rig.run_for(seconds)
+
+    with pytest.raises(LinkTimeout, match="the servo does not run any more"):
+        run_calibration(rig.mailbox, wait)
+    assert 1.0 < waited_s[0] < 2.0
 
 
 @pytest.mark.parametrize("indexes", [1, 2, 15, -3])
