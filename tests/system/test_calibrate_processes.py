@@ -19,6 +19,7 @@ from qrobot.servo.memory.published_state import FLAG_CALIBRATED, ServoSnapshot
 from qrobot.servo.memory.servo_memory import attach_servo_memory
 from tests.support.patience import wait_until
 from tests.support.processes import left_behind, qrobot, write_deployment
+from tests.support.signals import default_signals
 
 pytestmark = pytest.mark.realtime
 
@@ -58,7 +59,8 @@ def test_a_calibration_whose_terminal_is_closed_or_that_is_ended_stops_and_gives
 ) -> None:
     arm = processes.arm.name
     for number in (signal.SIGHUP, signal.SIGTERM):
-        command = qrobot("calibrate", processes.deployment, "--arm", arm)
+        with default_signals(number):
+            command = qrobot("calibrate", processes.deployment, "--arm", arm)
         wait_until(lambda: snapshot(arm).mode == Mode.CALIBRATING, "the arm creeps")
         command.send_signal(number)
         command.communicate(timeout=CALIBRATION_S)
