@@ -72,7 +72,8 @@ class ArmStation:
         self.facts = {**arm_facts(arm.name, robot, tool_m), **fence_facts(told_fences(arm, robot), robot)}
         self.facts |= stand_facts(arm.stand)
         self.requests = ServoRequests(arm.name, self.tell)
-        self.watch = ArmWatch(arm, self._hear, on_change)
+        self.programs = programs or ProgramRunner(arm.name)
+        self.watch = ArmWatch(arm, self._hear, on_change, self.programs.deployment)
         self.places = TaughtPlaces(taught, tuple(robot.poses), self.tell)
         self._on_state, self._on_change = on_state, on_change
         self._newest: State | None = None
@@ -80,7 +81,6 @@ class ArmStation:
         self.worker = JogWorker(arm, taught, self.tell)
         self._notice, self._notices = "", 0
         self._commanded = False
-        self.programs = programs or ProgramRunner(arm.name)
         self.board = BoardAccess(arm, self.programs.deployment, self.tell, monotonic)
         self._folder = Path(arm.log.directory or "out")
         self.procedures = ProcedureRunner(arm.name, self.programs.deployment, self._folder, on_change)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import shlex
 from collections.abc import Callable
 from contextlib import suppress
 from typing import Final
@@ -28,13 +29,17 @@ class ArmWatch:
         arm: of the deployment.
         tell: takes each STATE, newest only.
         changed: called when `problem` is another.
+        deployment: file of the arm, for advice; may be empty.
 
     Attributes:
         problem: why nothing is heard of the arm, "" while all is well.
     """
 
-    def __init__(self, arm: DeployedArm, tell: Callable[[State], None], changed: Callable[[], None]) -> None:
+    def __init__(
+        self, arm: DeployedArm, tell: Callable[[State], None], changed: Callable[[], None], deployment: str = ""
+    ) -> None:
         self.problem = "looking for the arm"
+        self._start = f"qrobot up {shlex.quote(deployment)}" if deployment else "qrobot up"
         self._arm, self._tell, self._changed = arm, tell, changed
         self._address = (arm.bridge.host, arm.bridge.port)
         self._line: tuple[Client, asyncio.StreamWriter] | None = None
@@ -99,7 +104,7 @@ class ArmWatch:
         if isinstance(error, QRobotError) and not isinstance(error, LinkLost):
             return str(error)
         where = ":".join(map(str, self._address))
-        return f"no arm {self._arm.name} at {where}: start it with `qrobot up {self._arm.name}`"
+        return f"no arm {self._arm.name} at {where}: start it with `{self._start}`"
 
     def _say(self, problem: str) -> None:
         if problem != self.problem:

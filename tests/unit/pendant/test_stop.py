@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import shlex
 import socket
 import tempfile
 from collections.abc import Callable, Iterator
@@ -10,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from qrobot.config.deployment import BridgeChoice, load_deployment
+from qrobot.config.deployment import BridgeChoice, deployment_path, load_deployment
 from qrobot.pendant import arm_watch
 from qrobot.pendant.arm_station import ArmStation
 from qrobot.pendant.arm_watch import ArmWatch
@@ -105,6 +106,19 @@ def test_stop_and_power_off_go_by_the_bridge_too_and_the_page_is_told_what_is_su
         hung.bind(str(folder / control_name(arm.name)))
         hung.listen()
         asyncio.run(story(Bridge()))
+
+
+@pytest.mark.parametrize("deployment", ["two_arms", "a folder/cell.toml"])
+def test_the_command_that_starts_an_arm_which_is_not_there_names_the_deployment(
+    deployment: str, tmp_path, monkeypatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("a folder").mkdir()
+    Path("a folder/cell.toml").write_text(deployment_path("two_arms").read_text())
+    watch = ArmWatch(load_deployment(deployment).arm[1], print, print, deployment)
+    told = shlex.split(watch._why(OSError()).split("`")[1])
+    assert told[:2] == ["qrobot", "up"]
+    assert load_deployment(told[2]) == load_deployment(deployment)
 
 
 class SilentClient:
