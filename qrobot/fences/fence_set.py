@@ -15,7 +15,7 @@ from qrobot.config.deployment import DeployedArm
 from qrobot.config.fences import MOST_SHAPES, Fence
 from qrobot.config.robot import Robot
 from qrobot.config.shape import Capsule
-from qrobot.errors import ConfigError, FenceCrossed
+from qrobot.errors import ConfigError, FenceCrossed, MotionError
 from qrobot.fences.clearance import clearances
 from qrobot.fences.deployed import deployed_shapes, tool_capsule
 from qrobot.fences.distance import BOX, CYLINDER, PLANE
@@ -257,11 +257,12 @@ class FenceSet:
             joints_at: joint positions (n,) at a share of the way, 0 to 1, near others.
             start: where the way begins. Shape (n,).
             what: is asked, for people.
-            bends: shares, rising, between which the way does not go out and come back unseen; none of a straight one.
+            bends: shares, rising, between which the way does not go out and come back unseen, and no joint turns by
+                half a turn; none of a way that is straight for the joints.
 
         Raises:
             FenceCrossed: the first place, of those looked at, that is too near.
-            MotionError: what `joints_at` raises.
+            MotionError: the joints jump between two places that are one, or what `joints_at` raises.
         """
         floor = self.floor(start)
         at, q, slack = 0.0, start, self.check(start, floor, what, 0.0)
@@ -275,6 +276,8 @@ class FenceSet:
             moved = float(np.abs(there - q) @ self._reach)
             if moved > RESOLUTION_M and slack + left < moved:  # nearer than half of what is not sure
                 middle = 0.5 * (at + share)
+                if not at < middle < share:
+                    raise MotionError(f"{what}: the joints would jump after {100 * at:.0f} % of the way")
                 between = joints_at(middle, q)
                 ahead.append((middle, between, self._left(between, floor)))
                 continue

@@ -22,6 +22,7 @@ from qrobot.model.arm import Arm
 from qrobot.motion import (
     HERE,
     T6,
+    Duration,
     Equation,
     EventKind,
     Generator,
@@ -384,6 +385,41 @@ def test_a_way_that_was_looked_at_when_it_was_asked_for_is_not_looked_at_twice(m
         motion.push(MoveRequest(name, q, SPEED))
         codes_of(motion, tick=motion._trajectory.tick)
     assert looked == ["move to B", "move to C"]
+
+
+def turned(waist_deg: float, flange_deg: float) -> Floats:
+    """Park, turned about the vertical by the waist less the flange."""
+    return PARK + np.radians([waist_deg, 0.0, 0.0, 0.0, 0.0, flange_deg])
+
+
+def ground_near(q: Floats) -> FenceSet:
+    """A plane 0.1 m below the arm at `q` (n,)."""
+    parts = FenceSet(ROBOT, [], self_collision=True).capsules_at(q)[1:]
+    low = min(min(one[2], other[2]) - radius for _, one, other, radius in parts)
+    return FenceSet(ROBOT, [Fence(name="ground", shape="plane", position_m=(0.0, 0.0, low - 0.1), margin_m=0.01)])
+
+
+def test_a_line_on_which_a_joint_turns_by_more_than_half_a_turn_is_looked_at_as_the_arm_goes_along_it() -> None:
+    """The tool turns by 150 degrees and joint 6, against the waist, by 195: also from a via point, past which it is
+    looked at once more."""
+    before, begin, end = turned(-25.0, -45.0), turned(-22.5, -45.0), turned(22.5, 150.0)
+    paths = []
+    for fences in (None, ground_near(end)):
+        motion, path = generator(fences, before), []
+        for name, q, seconds in (("begin", begin, 1.0), ("end", end, 3.0)):
+            motion.push(MoveRequest(name, goal_at(q), Duration(seconds), mode=MotionMode.CARTESIAN))
+        while motion.busy:
+            path.append(motion.update(len(path) + 1).q)
+        assert path[-1] == pytest.approx(end, abs=1e-9)
+        paths.append(np.array(path).tobytes())
+    assert paths[0] == paths[1]
+
+
+def test_a_way_on_which_the_joints_jump_is_refused() -> None:
+    begin = turned(0.0, -170.0)
+    end = begin + np.radians([0.0, 0.0, 0.0, 0.0, 0.0, 360.0])
+    with pytest.raises(MotionError, match="move to C: the joints would jump after 75 % of the way"):
+        ground_near(end).check_path(lambda share, _: begin if share < 0.75 else end, begin, "move to C")
 
 
 def test_a_copy_of_a_generator_works_on_numbers_of_its_own() -> None:

@@ -15,6 +15,7 @@ from qrobot.model.arm import Arm
 from qrobot.model.branch import Branch
 from qrobot.motion import (
     T6,
+    Duration,
     Equation,
     Generator,
     Goal,
@@ -162,6 +163,31 @@ def test_the_tool_of_an_arm_without_a_closed_form_goes_along_a_straight_line_wit
     assert arm.forward(path[-1].q) == pytest.approx(T, abs=ROUNDING)
     rates = np.abs(np.diff([output.q for output in path], axis=0)) / 0.028
     assert (rates <= limits.v_max * (1.0 + ROUNDING)).all()
+
+
+@pytest.mark.parametrize(
+    ("begin_deg", "end_deg"),
+    [
+        ((51.0, -30.0, 146.0, -95.0, -7.0, 241.0), (44.0, -9.0, 165.0, 51.0, -7.0, -174.0)),
+        ((131.0, -13.0, 201.0, 35.0, 71.0, 39.0), (86.0, -45.0, 153.0, -81.0, 94.0, 132.0)),
+        ((-21.0, -30.0, 146.0, -23.0, -13.0, -217.0), (-85.0, -52.0, 176.0, 77.0, 23.0, -249.0)),
+    ],
+)
+def test_a_long_line_takes_the_time_and_leads_to_the_joints_that_the_closed_form_tells(begin_deg, end_deg) -> None:
+    """Searched from the begin of the line, its end has another solution."""
+    arm, numerical = packaged("puma560")
+    begin, ends, samples = np.radians(begin_deg), [], []
+    for kinematics in (kinematics_of(arm), numerical):
+        gen = Generator(motion_limits(arm.robot), 0.028, begin, kinematics=kinematics)
+        goal = line_to(arm.forward(np.radians(end_deg)))
+        gen.push(MoveRequest("line", goal, Duration(6.0), mode=MotionMode.CARTESIAN))
+        ends.append(gen._sequencer.last_end())
+        path = list(run(gen))
+        assert ended(path) == [("line", -1)]
+        assert path[-1].q == pytest.approx(ends[-1], abs=1e-7)
+        samples.append(len(path))
+    assert ends[0] == pytest.approx(ends[1], abs=1e-7)
+    assert samples[0] == samples[1]
 
 
 def line_to(T: np.ndarray) -> Goal:

@@ -50,9 +50,15 @@ class Path:
         return self.coordinates.solve_next(self.state(clock)[0])
 
     def goal_joints(self, near: Floats) -> Floats:
-        """Joint positions (n,) at the end of the present segment, or where the arm rests. Raises as `joints`."""
-        goal = self.piece.rows[0] if self.segment is None else self.segment.target
-        return self.coordinates.solve_at(goal, near)
+        """Joint positions (n,) at the end of the present segment, or where the arm rests. Raises as `joints`.
+
+        Where several are possible, whole turns apart or more, those to which the way leads; at rest, and with a goal
+        that moves, those nearest to `near` (n,), where the arm is.
+        """
+        segment = self.segment
+        if segment is None:
+            return self.coordinates.solve_at(self.piece.rows[0], near)
+        return self.coordinates.solve_at(segment.target, segment.end_joints if self.coordinates.fixed else near)
 
     def hold(self, x: Floats, clock: float) -> None:
         """Stand at `x` (m,): still, or with the goal when the goal moves."""

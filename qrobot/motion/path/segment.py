@@ -45,6 +45,8 @@ class Segment:
         schedule: its times.
         velocity: on its straight part. Shape (m,).
         arriving: joint velocity at its far end, before any transition. Shape (n,).
+        end_joints: joint positions there, as an arm has them that comes along it; of a goal that moves, where that was
+            when the segment was planned. Shape (n,).
     """
 
     request: MoveRequest
@@ -55,6 +57,7 @@ class Segment:
     schedule: Schedule
     velocity: Floats
     arriving: Floats
+    end_joints: Floats
 
     @property
     def end(self) -> float:

@@ -18,10 +18,11 @@ import numpy as np
 from qrobot.arrays import Floats
 from qrobot.fences.fence_set import RESOLUTION_M, FenceSet
 from qrobot.motion.path.blend import PEAK, Blend
+from qrobot.motion.path.coordinates import JOINTS, Coordinates
 from qrobot.motion.path.path_piece import BlendSettings, PathPiece
 from qrobot.motion.path.segment import Segment
 from qrobot.motion.path.setpoint_history import History, motion_of
-from qrobot.motion.planning.geometric_path import GeometricPath
+from qrobot.motion.planning.geometric_path import PROBES, GeometricPath
 from qrobot.motion.world.limits import MotionLimits
 
 STOP_PROBES: Final = np.linspace(0.0, 1.0, 4)  # [A] of the way of a stop
@@ -49,7 +50,7 @@ class FenceCheck:
         def joints_at(share: float, near: Floats) -> Floats:
             return coordinates.solve_at(via + share * (target - via), near)
 
-        self.fences.check_path(joints_at, start, what)
+        self.fences.check_path(joints_at, start, what, _line_bends(coordinates, 0.0))
 
     def check_entry(self, segment: Segment, piece: PathPiece, settings: BlendSettings, near: Floats, what: str) -> None:
         """Raise FenceCrossed when the transition `piece` into `segment`, in its coordinates, or what follows on its
@@ -63,6 +64,7 @@ class FenceCheck:
 
         looks = max(_LEAST_LOOKS, math.ceil(piece.length * settings.period_s / _LOOK_S))
         bends = [piece.length * look / looks / (end - piece.start) for look in range(1, looks + 1)]
+        bends += _line_bends(segment.coordinates, bends[-1])
         self.fences.check_path(joints_at, joints_at(0.0, near), what, [share for share in bends if share < 1.0])
 
     def rests_at(self, q: Floats) -> None:
@@ -86,3 +88,10 @@ class FenceCheck:
         if self.floor is None:
             self.rests_at(q)
         return self.fences.floor(q) if self.floor is None else self.floor
+
+
+def _line_bends(coordinates: Coordinates, begin: float) -> list[float]:
+    """Shares of a way that is a line from the share `begin` on: the places at which a line of the tool is looked at."""
+    if coordinates is JOINTS:
+        return []
+    return [begin + (1.0 - begin) * probe / (PROBES - 1) for probe in range(1, PROBES - 1)]

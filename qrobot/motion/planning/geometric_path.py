@@ -35,6 +35,7 @@ class GeometricPath:
         via, target: its ends. Shape (m,).
         displacement: how far it is.
         dq_ds, ddq_dds: first and second derivative of the joints by s at places along it. Shapes (k, n).
+        end_joints: joint positions at its end, as an arm has them that comes along it. Shape (n,).
     """
 
     coordinates: Coordinates
@@ -43,6 +44,7 @@ class GeometricPath:
     displacement: Displacement
     dq_ds: Floats
     ddq_dds: Floats
+    end_joints: Floats
 
     def velocity(self, length_s: float) -> Floats:
         """Velocity on the way. Shape (m,)."""
@@ -66,18 +68,27 @@ def segment_of(
     """The segment that leaves its via point at path time `begin`."""
     seconds = schedule.length * period_s
     velocity, arriving = geometry.velocity(seconds), geometry.arriving(seconds)
-    return Segment(request, geometry.coordinates, begin, geometry.via, geometry.target, schedule, velocity, arriving)
+    return Segment(
+        request, geometry.coordinates, begin, geometry.via, geometry.target, schedule, velocity, arriving,
+        geometry.end_joints,
+    )  # fmt: skip
 
 
 def joint_geometry(via: Floats, target: Floats, tool: Floats | None = None) -> GeometricPath:
     """Straight in joint space. Shapes (n,); `tool` (6,) is what the controlled frame does."""
-    return _linear(JOINTS, via, target, tool)
+    return _linear(JOINTS, via, target, tool, target)
 
 
 def plan_geometric_path(
-    queued: QueuedMotion, via: Floats, kinematics: ArmKinematics | None, limits: MotionLimits
+    queued: QueuedMotion,
+    via: Floats,
+    kinematics: ArmKinematics | None,
+    limits: MotionLimits,
+    arm: Floats | None = None,
 ) -> GeometricPath:
     """The way of `queued` from the joint positions `via` (n,), with its goal where it was seen last.
+
+    An arm that enters it now is at `arm` (n,); None for at `via`.
 
     Raises:
         Unreachable, JointLimit, Singular: at the goal or on a Cartesian way.
@@ -91,10 +102,11 @@ def plan_geometric_path(
     present, request = kinematics.branch(via), queued.request
     if request.mode is MotionMode.CARTESIAN:
         _same_branch(request, present)
-        return _straight(DriveCoordinates(queued.tracker, kinematics, present, via, request.turn), tool, via, limits)
+        near = via if arm is None else arm
+        return _straight(DriveCoordinates(queued.tracker, kinematics, present, near, request.turn), tool, via, limits)
     branch = present if request.branch is None else request.branch
     q = kinematics.inverse(queued.tracker.newest.pose, branch, via, singular=True)
-    return _linear(GoalRelativeJoints(queued.tracker, kinematics, branch, q), via - q, np.zeros_like(q), tool)
+    return _linear(GoalRelativeJoints(queued.tracker, kinematics, branch, q), via - q, np.zeros_like(q), tool, q)
 
 
 def _same_branch(request: MoveRequest, present: Branch) -> None:
@@ -115,11 +127,12 @@ def _tool(queued: QueuedMotion, via: Floats, kinematics: ArmKinematics | None) -
     return drive_parameters(inverse(kinematics.forward(queued.target)) @ kinematics.forward(via))
 
 
-def _linear(coordinates: Coordinates, via: Floats, target: Floats, tool: Floats | None) -> GeometricPath:
+def _linear(
+    coordinates: Coordinates, via: Floats, target: Floats, tool: Floats | None, end_joints: Floats
+) -> GeometricPath:
     distance = target - via
-    return GeometricPath(
-        coordinates, via, target, Displacement(distance, tool), distance[None, :], np.zeros((1, distance.size))
-    )
+    bends = np.zeros((1, distance.size))
+    return GeometricPath(coordinates, via, target, Displacement(distance, tool), distance[None, :], bends, end_joints)
 
 
 def _straight(coordinates: DriveCoordinates, via: Floats, q: Floats, limits: MotionLimits) -> GeometricPath:
@@ -133,7 +146,8 @@ def _straight(coordinates: DriveCoordinates, via: Floats, q: Floats, limits: Mot
     step = 1.0 / (PROBES - 1)
     dq_ds = np.array(np.gradient(joints, step, axis=0, edge_order=2))
     ddq_dds = np.array(np.gradient(dq_ds, step, axis=0))
-    return GeometricPath(coordinates, via, np.zeros(6), Displacement(joints[-1] - joints[0], via), dq_ds, ddq_dds)
+    displacement = Displacement(joints[-1] - joints[0], via)
+    return GeometricPath(coordinates, via, np.zeros(6), displacement, dq_ds, ddq_dds, joints[-1])
 
 
 def _check_turns(before: Floats, q: Floats, limits: MotionLimits) -> None:

@@ -116,11 +116,12 @@ class Planner:
         self.scheduler.check(request, geometry)
         if self._fences is not None and queued.fixed:
             self._fences.check_way(geometry, start, what)
-        return replace(queued, asks=self.scheduler.alone(request, geometry), start=start)
+        asks = self.scheduler.alone(request, geometry)
+        return replace(queued, end=geometry.end_joints, asks=asks, start=start)
 
-    def plan_geometry(self, queued: QueuedMotion, via: Floats) -> GeometricPath:
-        """The way from the joint positions `via` (n,); raises what `plan_geometric_path` raises."""
-        return plan_geometric_path(queued, via, self._kinematics, self._limits)
+    def plan_geometry(self, queued: QueuedMotion, via: Floats, arm: Floats | None = None) -> GeometricPath:
+        """The way from the joint positions `via` (n,), entered at `arm` (n,); see `plan_geometric_path`."""
+        return plan_geometric_path(queued, via, self._kinematics, self._limits, arm)
 
     def plan_entry(
         self, queued: QueuedMotion, via: Floats, points: History, clock: float, bounds: TransitionBounds
@@ -139,7 +140,7 @@ class Planner:
             FenceCrossed: from rest, the way leads too near a fence.
             MotionError: see `plan_geometric_path`.
         """
-        geometry = self.plan_geometry(queued, via)
+        geometry = self.plan_geometry(queued, via, points[-1][1])
         state, v = self._measured(geometry, points), motion_of(points, self._settings.period_s)[1]
         least, rest, entry = bounds.least, 1, None
         for _ in range(_TRIES):
@@ -219,9 +220,9 @@ class Planner:
             probes = entering.start + entering.length * _EARLY
             states = np.array([entering.state(probe, self._settings) for probe in probes])
             return all_can_stop(states[:, 1], states[:, 2], self._limits)
-        pieces = (entering, to_rest(segment, self._settings))
+        pieces = ((entering, near), (to_rest(segment, self._settings), segment.end_joints))
         try:
-            return all(self._keeps_limits(segment, piece, near) for piece in pieces)
+            return all(self._keeps_limits(segment, piece, beside) for piece, beside in pieces)
         except MotionError:  # the turn leads where the straight lines do not
             return False
 

@@ -246,6 +246,37 @@ def test_a_line_on_which_a_joint_comes_to_the_end_of_its_range_is_refused_whatev
     assert ended(list(run(gen)))[-1][1] == DONE
 
 
+@pytest.mark.parametrize("pushed_at", [1, 40])
+@pytest.mark.parametrize(
+    ("mode", "flange_deg", "seconds"),
+    [
+        (MotionMode.JOINT, 155.0, 0.6),
+        (MotionMode.CARTESIAN, 200.0, 1.0),
+        (MotionMode.CARTESIAN, 100.0, 1.0),
+        (MotionMode.CARTESIAN, 90.0, 1.0),
+    ],
+)
+def test_what_follows_a_line_begins_with_the_joints_to_which_that_leads(pushed_at, mode, flange_deg, seconds) -> None:
+    """On the line joint 6 turns from -45 to 150 degrees: -210, which are the same place, are nearer to its begin."""
+
+    def turned(waist_deg: float, deg: float) -> np.ndarray:
+        return PARK + np.radians([waist_deg, 0.0, 0.0, 0.0, 0.0, deg])
+
+    def line(name: str, q: np.ndarray, seconds: float) -> MoveRequest:
+        place = Trsf("PLACE", TransformKind.CONST, arm().forward(q))
+        return to(Equation(name, (T6,), (place,), T6), speed=Duration(seconds))
+
+    gen, last = puma_generator(turned(-22.5, -45.0)), turned(22.5, flange_deg)
+    gen.push(line("first", turned(22.5, 150.0), 3.0))
+    joints = MoveRequest("last", last, Duration(seconds))
+    behind = joints if mode is MotionMode.JOINT else line("last", last, seconds)
+    outputs = list(run(gen, lambda tick: gen.push(behind) if tick == pushed_at else None))
+    assert ended(outputs) == [("first", DONE), ("last", DONE)]
+    assert outputs[-1].q == pytest.approx(last, abs=1e-9)
+    transitions = 0.4 if mode is MotionMode.CARTESIAN else 0.2 + seconds / 7
+    assert len(outputs) * PERIOD_S == pytest.approx(3.0 + seconds + transitions, abs=0.1)
+
+
 def test_a_frame_that_jumps_during_a_segment_ends_it_with_too_fast_and_drops_what_waits() -> None:
     belt = Conveyor(lambda t: (0.0, 0.0 if t < 1.0 else 0.1, 0.0, 0.0))
     gen = puma_generator()
