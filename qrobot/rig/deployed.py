@@ -63,12 +63,12 @@ class ArmProcesses:
 
     def board(self, *options: str) -> ProcessPlan:
         """The emulated board."""
-        return self._plan(("board", self.deployment), options, lambda: board_ready(self.arm.name), BOARD_RANK)
+        return self._plan(("board", self.deployment), options, partial(board_ready, self.arm.name), BOARD_RANK)
 
     def servo(self, *options: str) -> ProcessPlan:
         """The servo; it refuses power until a guardian watches it."""
         options = (*self.servo_options, *options, "--own-guardian")
-        return self._plan(("servo", self.deployment), options, lambda: servo_ready(self.arm.name), SERVO_RANK)
+        return self._plan(("servo", self.deployment), options, partial(servo_ready, self.arm.name), SERVO_RANK)
 
     def guardian(self, *options: str) -> ProcessPlan:
         """The guardian of a running servo; it follows restarts of servo and board, whenever they come."""
@@ -80,8 +80,9 @@ class ArmProcesses:
     def bridge(self, *options: str) -> ProcessPlan:
         """The bridge."""
         host, port = self.arm.bridge.host, self.arm.bridge.port
-        ready = partial(bridge_ready, host, port)
-        return self._plan(("bridge", self.deployment), options, ready, BRIDGE_RANK, RESTARTS)
+        return self._plan(
+            ("bridge", self.deployment), options, lambda _: bridge_ready(host, port), BRIDGE_RANK, RESTARTS
+        )
 
     def log(self, *options: str) -> ProcessPlan:
         """The recorder of the servo's telemetry."""
@@ -106,7 +107,7 @@ class ArmProcesses:
         self,
         command: tuple[str, ...],
         options: tuple[str, ...],
-        ready: Callable[[], bool] | None,
+        ready: Callable[[int], bool] | None,
         rank: int,
         restarts: int = 0,
         vital: bool = True,

@@ -9,6 +9,7 @@ process is a session of its own: a Ctrl-C at the terminal reaches only the super
 from __future__ import annotations
 
 import contextlib
+import fcntl
 import os
 import signal
 import socket
@@ -27,7 +28,7 @@ from qrobot.realtime.shared_memory import SharedMemory, discard_dead
 from qrobot.realtime.startup_order import TURN_VARIABLE
 from qrobot.realtime.supervised import Supervision
 from qrobot.rig.interrupts import interrupted_by_signals, interrupts_deferred, interrupts_ignored
-from qrobot.servo.memory.servo_memory import ServoFront, attach_servo_memory
+from qrobot.servo.memory.servo_memory import PLACE_LAYOUT, ServoFront, attach_servo_memory, guardian_place
 
 START_PATIENCE_S = 400.0  # a first start compiles everything, perhaps on a busy machine
 STOP_PATIENCE_S = 6.0
@@ -41,7 +42,7 @@ class ProcessPlan:
     Attributes:
         name: of the process in its rig.
         arguments: of the `qrobot` command.
-        ready: waited for; it must not be true yet, for then somebody else's process already does this one's work.
+        ready: whether the process of an id does its work, with 0 whether any does; waited for. None may do it before.
         rank: the higher, the sooner it ends; below `supervised.RANKS`.
         restarts: how often a minute it is started again when it ends by itself; 0: then the others are ended too.
         vital: the others are ended when it has ended more often than that; else they go on without it.
@@ -49,7 +50,7 @@ class ProcessPlan:
 
     name: str
     arguments: Sequence[str]
-    ready: Callable[[], bool] | None = None
+    ready: Callable[[int], bool] | None = None
     rank: int = 0
     restarts: int = 0
     vital: bool = True
@@ -111,6 +112,7 @@ class ProcessRig:
     def __init__(self, directory: Path) -> None:
         self.directory = directory
         self.children: dict[str, Child] = {}
+        self._outputs: dict[str, IO[bytes]] = {}
         self._interrupted = contextlib.ExitStack()
         self._supervision = Supervision()
         directory.mkdir(parents=True, exist_ok=True)
@@ -119,17 +121,18 @@ class ProcessRig:
         """Start processes; each begins its work when the ones before it are ready.
 
         Raises:
-            LinkBusy: one is ready before it was started; then none is started.
+            LinkBusy: one is ready before it was started, or another rig has its output file; then none is started.
             LinkError: one ended instead of getting ready; the message is the process's own.
             LinkTimeout: one did not get ready in time.
         """
         for plan in plans:
-            if plan.ready is not None and plan.ready():
+            if plan.ready is not None and plan.ready(0):
                 raise LinkBusy(
                     f"{plan.name} is not started: another process does its work already; stop that one first"
                 )
         for plan in plans:
-            self._output(plan).unlink(missing_ok=True)
+            self._empty_output(plan)
+        for plan in plans:
             with interrupts_deferred():  # one that comes in between would leave a process that nobody knows
                 self.children[plan.name] = self._spawn(plan)
         for plan in plans:
@@ -167,13 +170,27 @@ class ProcessRig:
             child.end()
             discard_dead(child.name)  # of one that was killed: its memory has its name
         self._supervision.close()
+        for file in self._outputs.values():
+            file.close()
 
-    def _output(self, plan: ProcessPlan) -> Path:
-        return self.directory / f"{plan.name}.txt"
+    def _empty_output(self, plan: ProcessPlan) -> None:
+        """Begin its output file; it is locked while this rig, or a process of it, has it open."""
+        if plan.name not in self._outputs:
+            file = (self.directory / f"{plan.name}.txt").open("ab")
+            try:
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                file.close()
+                raise LinkBusy(
+                    f"{plan.name} is not started: another process starts it, or runs, and writes to {file.name}"
+                ) from None
+            self._outputs[plan.name] = file
+        self._outputs[plan.name].truncate(0)
 
     def _spawn(self, plan: ProcessPlan) -> Child:
         awaited, turn = os.pipe()
-        with self._output(plan).open("ab") as file, os.fdopen(awaited):
+        file = self._outputs[plan.name]
+        with os.fdopen(awaited):
             process = subprocess.Popen(
                 [sys.executable, "-m", "qrobot", *plan.arguments],
                 stdin=subprocess.DEVNULL,
@@ -183,7 +200,7 @@ class ProcessRig:
                 pass_fds=[awaited, *self._supervision.descriptors(plan.rank)],
                 env={**os.environ, TURN_VARIABLE: str(awaited), **self._supervision.environment(plan.rank)},
             )
-        return Child(plan, process, self._output(plan), os.fdopen(turn, "wb", buffering=0))
+        return Child(plan, process, Path(file.name), os.fdopen(turn, "wb", buffering=0))
 
     def __enter__(self) -> ProcessRig:
         self._interrupted.enter_context(interrupted_by_signals())
@@ -196,54 +213,74 @@ class ProcessRig:
             self.close()
 
 
-def _wait_for(child: Child, ready: Callable[[], bool]) -> None:
+def _wait_for(child: Child, ready: Callable[[int], bool]) -> None:
     deadline = time.monotonic() + START_PATIENCE_S
-    while not ready():
-        if not child.alive:
+    while True:
+        is_ready = ready(child.process.pid)
+        if not child.alive:  # also when something is ready: then it is another's
             raise LinkError(f"{child.name} did not start: {child.complaint()}")
+        if is_ready:
+            return
         if time.monotonic() > deadline:
             raise LinkTimeout(f"{child.name} was not ready within {START_PATIENCE_S:.0f} s: {child.complaint()}")
         time.sleep(POLL_S)
 
 
-def _serves(segment: SharedMemory) -> bool:
-    """A living process owns it, and has cleared what a killed one has left in it: that takes a moment."""
-    return segment.owner_alive and Path(f"/proc/{segment.header.owner_pid}").exists()
+def _serves(segment: SharedMemory, pid: int) -> bool:
+    """The process of this id, with 0 any living one, owns it, and has cleared what a killed one has left in it.
+
+    That takes a moment.
+    """
+    owner = int(segment.header.owner_pid)
+    return segment.owner_alive and pid in (0, owner) and Path(f"/proc/{owner}").exists()
 
 
-def board_ready(arm: str) -> bool:
-    """A board serves this arm and has published an image."""
+def board_ready(arm: str, pid: int = 0) -> bool:
+    """A board, of process `pid` unless that is 0, serves this arm and has published an image."""
     try:
         segment = attach_board_memory(arm)
     except QRobotError:
         return False
-    ready = _serves(segment) and bool(segment.memory.facts.period_ns) and segment.memory.shown.sequence > 0
+    ready = _serves(segment, pid) and bool(segment.memory.facts.period_ns) and segment.memory.shown.sequence > 0
     segment.close()
     return bool(ready)
 
 
 @contextlib.contextmanager
-def _maybe_front(arm: str) -> Iterator[ServoFront | None]:
-    """Memory of servo and guardian of an arm, while it is looked at; None when there is no servo."""
+def _maybe_front(arm: str, pid: int = 0) -> Iterator[ServoFront | None]:
+    """Memory of servo and guardian of an arm, while it is looked at; None when there is no servo, or not this one."""
     try:
         segment = attach_servo_memory(arm)
     except QRobotError:
         yield None
         return
     with segment:
-        yield segment.front if _serves(segment) else None
+        yield segment.front if _serves(segment, pid) else None
 
 
-def servo_ready(arm: str) -> bool:
-    """The servo of this arm runs its loop."""
-    with _maybe_front(arm) as front:
+def servo_ready(arm: str, pid: int = 0) -> bool:
+    """The servo of this arm, process `pid` unless that is 0, runs its loop."""
+    with _maybe_front(arm, pid) as front:
         return front is not None and front.info.ready == 1
 
 
-def guardian_ready(arm: str, since_ns: int) -> bool:
-    """The guardian of this arm has looked at its servo after `since_ns`, CLOCK_MONOTONIC."""
+def guardian_ready(arm: str, since_ns: int, pid: int = 0) -> bool:
+    """The guardian of this arm, process `pid` unless that is 0, has looked at its servo after `since_ns`.
+
+    `since_ns` is of CLOCK_MONOTONIC.
+    """
     with _maybe_front(arm) as front:
-        return front is not None and front.guardian.t_ns + front.heartbeat.slipped_ns > since_ns
+        looked = front is not None and front.guardian.t_ns + front.heartbeat.slipped_ns > since_ns
+    return looked and (pid == 0 or _in_guardians_place(arm, pid))
+
+
+def _in_guardians_place(arm: str, pid: int) -> bool:
+    try:
+        segment = SharedMemory.attach(guardian_place(arm), PLACE_LAYOUT)
+    except QRobotError:
+        return False
+    with segment:
+        return _serves(segment, pid)
 
 
 def bridge_ready(host: str, port: int) -> bool:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import socket
 import subprocess
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -146,6 +147,12 @@ def test_a_second_commander_is_refused_by_name_and_the_first_goes_on(arm: Runnin
         first.communicate(timeout=PATIENCE_S)
 
 
-def test_the_rig_tells_why_a_process_did_not_start(tmp_path: Path) -> None:
+def has_ended(pid: int) -> bool:
+    """As if another one served meanwhile, that the process has found in its place."""
+    return pid != 0 and os.waitid(os.P_PID, pid, os.WEXITED | os.WNOHANG | os.WNOWAIT) is not None
+
+
+@pytest.mark.parametrize("ready", [lambda _: False, has_ended])
+def test_the_rig_tells_why_a_process_did_not_start(ready: Callable[[int], bool], tmp_path: Path) -> None:
     with ProcessRig(tmp_path) as rig, pytest.raises(LinkError, match=r"did not start: no program missing\.py"):
-        rig.start(ProcessPlan("broken", ["run", "missing.py"], lambda: False))
+        rig.start(ProcessPlan("broken", ["run", "missing.py"], ready))

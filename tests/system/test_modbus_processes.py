@@ -9,6 +9,7 @@ import subprocess
 import uuid
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -67,7 +68,7 @@ def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:
         served = Served(rig, folder, arm, port)
         address = f"modbus=127.0.0.1:{port}@{WATCHDOG_MS}"
         arguments = ["board", served.deployment(arm, ""), "--serve", address]
-        rig.start(ProcessPlan("far", arguments, lambda: bridge_ready("127.0.0.1", port)))
+        rig.start(ProcessPlan("far", arguments, lambda _: bridge_ready("127.0.0.1", port)))
         yield served
 
 
@@ -112,7 +113,7 @@ def test_a_gateway_process_is_the_board_of_its_arm_and_follows_the_server(served
     table = f"{{ port = {served.port}, period_ms = {PERIOD_MS}, timeout_ms = 500.0 }}"
     transport = f"[arm.board]\nkind = 'modbus'\nmodbus = {table}\n"
     deployment = served.deployment(arm, transport + "[arm.servo]\nboard_timeout_ms = 20.0\n")
-    served.rig.start(ProcessPlan("near", ["board", deployment], lambda: board_ready(arm)))
+    served.rig.start(ProcessPlan("near", ["board", deployment], partial(board_ready, arm)))
     with attach_board_memory(arm) as memory:
         assert memory.memory.facts.period_ns == PERIOD_MS * 1e6
         image = make_image()

@@ -49,6 +49,7 @@ from qrobot.servo.memory.telemetry import TelemetryLayout, ring_words
 from qrobot.wire.vocabulary import N_SIGNALS, SIGNAL_NAME_BYTES
 
 LAYOUT: Final = 7
+PLACE_LAYOUT: Final = 1  # of the segment that keeps a second guardian away; it holds nothing
 MAX_JOINTS: Final = 32
 NAME_BYTES: Final = LAW_BYTES
 _START_PAUSE_S: Final = 0.001
@@ -303,6 +304,11 @@ def attach_servo_memory(arm: str) -> ServoSegment:
     """Map the servo memory of `arm`. Raises LinkError when no servo serves it."""
     start = "the arm with `qrobot up`, or its servo with `qrobot servo`"
     return ServoSegment.attach(f"{arm}-servo", LAYOUT, start, memory_digest())
+
+
+def guardian_place(arm: str) -> str:
+    """Name of the segment that the guardian of `arm` owns, so that there is one."""
+    return f"{arm}-guardian"
 
 
 def local_servo_memory(robot_name: str, law: str, n: int, period_ns: int, telemetry_capacity: int) -> Words:

@@ -31,7 +31,14 @@ from qrobot.realtime.jit import lean_kernel
 from qrobot.realtime.setup import HIGHEST_PRIORITY, SetupStep, lock_memory, set_fifo, tighten_timers
 from qrobot.realtime.shared_memory import HEADER_WORDS, SegmentT, SharedMemory
 from qrobot.report import Report
-from qrobot.servo.memory.servo_memory import ServoFront, attach_servo_memory, local_servo_memory, servo_front
+from qrobot.servo.memory.servo_memory import (
+    PLACE_LAYOUT,
+    ServoFront,
+    attach_servo_memory,
+    guardian_place,
+    local_servo_memory,
+    servo_front,
+)
 from qrobot.servo.memory.telemetry import SMALLEST_RING
 from qrobot.servo.settings import DEFAULT_TIMEOUT_MS
 from qrobot.units import NS_PER_S
@@ -41,8 +48,6 @@ N_SAFE_OPS: Final = 3 + N_DACS
 LOOKS_PER_TIMEOUT: Final = 5  # a look every fifth of the bound: reaction within 1.2 times the bound
 SLICE_NS: Final = NS_PER_S // 5
 LEAVE_NS: Final = NS_PER_S // 2  # [A] beyond the bound, for a board to take what makes it safe
-
-LAYOUT: Final = 1  # of the segment that keeps a second guardian away; it holds nothing
 
 # the guardian's own memory; outlives servo restarts
 TRIPPED, TRIPS, LAST_DISCRETE, LINES, KEPT, ANALOG, WAS_ARMED, N_OWN = range(8)  # WAS_ARMED: said by a servo that beat
@@ -159,7 +164,7 @@ class Guardian:
         self._ops = np.zeros((N_SAFE_OPS, OP_FIELDS), dtype=np.int64)
         self._servo = attach_servo_memory(arm)
         self._board = attach_board_memory(arm)
-        self._place = SharedMemory.create(f"{arm}-guardian", LAYOUT, HEADER_WORDS)
+        self._place = SharedMemory.create(guardian_place(arm), PLACE_LAYOUT, HEADER_WORDS)
         said = self._servo.front.guardian
         self._own[TRIPPED], self._own[TRIPS] = said.takeover, said.trips
 

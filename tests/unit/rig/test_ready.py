@@ -5,13 +5,16 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from pathlib import Path
 from typing import Final
 
 import pytest
 
+from qrobot.errors import LinkBusy
 from qrobot.hwif.board_memory import create_board_memory
-from qrobot.rig.processes import board_ready, guardian_ready, servo_ready
-from qrobot.servo.memory.servo_memory import create_servo_memory
+from qrobot.realtime.shared_memory import HEADER_WORDS, SharedMemory
+from qrobot.rig.processes import ProcessPlan, ProcessRig, board_ready, guardian_ready, servo_ready
+from qrobot.servo.memory.servo_memory import PLACE_LAYOUT, create_servo_memory, guardian_place
 
 ARM: Final = f"ready{os.getpid()}"
 
@@ -35,6 +38,36 @@ def test_what_a_killed_servo_has_left_does_not_make_the_next_one_ready(dead: int
         servo.header.owner_pid = dead
         assert not servo_ready(ARM)
         assert not guardian_ready(ARM, 0)
+
+
+def test_what_another_process_serves_is_not_taken_for_what_was_started(
+    dead: int,
+) -> None:
+    with create_servo_memory(ARM, "puma560", "pd", 6, 1_000_000, 16) as servo:
+        servo.front.info.ready = servo.front.guardian.t_ns = 1
+        assert servo_ready(ARM, os.getpid())
+        assert not servo_ready(ARM, dead)
+        assert not guardian_ready(ARM, 0, os.getpid())
+        with SharedMemory.create(guardian_place(ARM), PLACE_LAYOUT, HEADER_WORDS):
+            assert guardian_ready(ARM, 0, os.getpid())
+            assert not guardian_ready(ARM, 0, dead)
+    with create_board_memory(ARM) as board:
+        board.memory.facts.period_ns, board.memory.shown.sequence = 250_000, 2
+        assert board_ready(ARM, os.getpid())
+        assert not board_ready(ARM, dead)
+
+
+def test_what_another_rig_has_begun_is_not_begun_beside_it_and_keeps_its_output(tmp_path: Path) -> None:
+    plan = ProcessPlan("board", ["board", "--help"])
+    with ProcessRig(tmp_path) as first, ProcessRig(tmp_path) as second:
+        first.start(plan)
+        first.children["board"].output.write_text("its words")
+        with pytest.raises(LinkBusy, match="board is not started: another process starts it"):
+            second.start(plan)
+        assert second.children == {}
+        assert "its words" in first.children["board"].output.read_text()
+    with ProcessRig(tmp_path) as third:
+        third.start(plan)
 
 
 def test_what_a_killed_board_has_left_does_not_make_the_next_one_ready(dead: int) -> None:
