@@ -164,7 +164,7 @@ FACTS: Final = {
         False,
     ),
     F.RT_BUDGET: Fact(
-        "likewise",
+        "the servo does not start on a real board; with an emulated one it is told",
         "tests/unit/servo/test_rate_test.py::test_the_loop_stays_below_what_the_kernel_leaves_it",
         False,
     ),

@@ -3,7 +3,8 @@
 Rules:
 
 * torque leaves the DACs only in the modes of `TORQUE_ON`; arm power is requested only in those of `POWER_ON`;
-* only TRACKING follows setpoints; every way out of it that is not a fault ends in HOLDING through STOPPING;
+* only TRACKING follows setpoints; every way out of it leads through STOPPING into HOLDING, or into OFF where
+  power off was asked for, unless a fault leads to FAULT;
 * FAULT is latched: it is left for OFF alone, by an explicit clear once its cause is gone, and never moves the arm;
 * power comes back only by an explicit request made in OFF.
 """
@@ -35,27 +36,27 @@ TRANSITIONS: Final[dict[Mode, dict[Mode, str]]] = {
     Mode.POWERING: {
         Mode.UNCALIBRATED: "power is on, counters not calibrated",
         Mode.HOLDING: "power is on, counters calibrated",
-        Mode.OFF: "power request withdrawn",
-        Mode.FAULT: "no power in time, or any fault",
+        Mode.OFF: "power request withdrawn, or no power in time",
+        Mode.FAULT: "category 0 or 1 fault",
     },
     Mode.UNCALIBRATED: {
         Mode.CALIBRATING: "calibrate",
         Mode.OFF: "power off requested",
-        Mode.FAULT: "any fault",
+        Mode.FAULT: "category 0 or 1 fault",
     },
     Mode.CALIBRATING: {
         Mode.HOLDING: "counters loaded",
-        Mode.UNCALIBRATED: "calibration refused",
+        Mode.UNCALIBRATED: "calibration stopped, or it failed",
         Mode.OFF: "power off requested",
-        Mode.FAULT: "any fault",
+        Mode.FAULT: "category 0 or 1 fault",
     },
     Mode.HOLDING: {
         Mode.TRACKING: "setpoints arrive and begin where the arm stands",
         Mode.OFF: "power off requested",
-        Mode.FAULT: "any fault",
+        Mode.FAULT: "category 0 or 1 fault",
     },
     Mode.TRACKING: {
-        Mode.STOPPING: "stop requested, stream lost, setpoint refused, or category 1 or 2 fault",
+        Mode.STOPPING: "stop or power off requested, or category 1 or 2 fault, as a lost stream",
         Mode.FAULT: "category 0 fault",
     },
     Mode.STOPPING: {

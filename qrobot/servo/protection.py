@@ -4,7 +4,8 @@
 
 Each check reports a fault code (`servo.event`); the worst of them is acted upon at two places, before the law is called
 and after its torque was checked (`servo.stages.mode_machine.apply_faults`). What a code does to the arm is its stop
-category in `qrobot.faultcodes`. The guardian stands beside the cycle, a process of its own (`servo.process.guardian`).
+category (`servo.stop_categories`). The guardian stands beside the cycle, a process of its own
+(`servo.process.guardian`).
 
 | looked at              | by                                             | in                                    |
 |------------------------|------------------------------------------------|---------------------------------------|

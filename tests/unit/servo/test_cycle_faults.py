@@ -216,15 +216,19 @@ def test_a_measured_speed_beyond_half_as_much_again_is_a_runaway() -> None:
     assert bench.safe
 
 
+@pytest.mark.parametrize(("law", "reach"), [("qrobot", 1.0), ("joint_impedance", 5.0)])
 @BOTH
-def test_an_arm_that_is_not_where_it_should_be_is_cut(begin: Callable[[ServoBench], None]) -> None:
-    bench = ServoBench()
+def test_an_arm_that_is_not_where_it_should_be_is_cut(
+    begin: Callable[[ServoBench], None], law: str, reach: float
+) -> None:
+    bench = ServoBench(law=law)
     begin(bench)
     bench.follows = False
-    allowed = bench.robot.guard.following_error[5]
+    allowed = reach * bench.robot.guard.following_error[5]
     place = bench.q[5]
     bench.before.append(lambda _now: bench.q.__setitem__(5, max(bench.q[5] - 2e-3, place - allowed - 5e-3)))
     until_fault(bench, FaultCode.FOLLOWING)
+    assert place - bench.q[5] > 0.99 * allowed
 
 
 # ------------------------------------------------------------------------------------- category 1: stop, then power off

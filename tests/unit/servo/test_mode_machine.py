@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from types import SimpleNamespace
 
@@ -11,12 +12,51 @@ import pytest
 from qrobot.faultcodes import FaultCode
 from qrobot.hwif.registers import DAC, DAC_ZERO, DISCRETE, DISCRETE_CALIBRATED, DISCRETE_POWER, N_DACS
 from qrobot.modecodes import Mode
-from qrobot.servo.modes import gives_torque
+from qrobot.servo.event import report_fault
+from qrobot.servo.modes import TRANSITIONS, gives_torque
 from qrobot.servo.stages.mode_machine import guardian_alive
+from qrobot.servo.stop_categories import stop_category
 from tests.support.servo_bench import ServoBench, changes, moving, play, swing, writes_at
 
 N = 6
 POWER_UP = [(Mode.OFF, Mode.POWERING), (Mode.POWERING, Mode.HOLDING)]
+
+
+# ------------------------------------------------------------------------------------------------- what a code leads to
+
+
+def powering() -> ServoBench:
+    bench = ServoBench()
+    bench.panel = False
+    bench.tick(3)
+    bench.mailbox.request_power(True)
+    return bench.tick(20)
+
+
+def in_motion() -> ServoBench:
+    bench = ServoBench()
+    moving(bench)
+    return bench
+
+
+IN_MODE: dict[Mode, Callable[[], ServoBench]] = {
+    Mode.POWERING: powering,
+    Mode.UNCALIBRATED: lambda: ServoBench(calibrated=False).hold(),
+    Mode.HOLDING: lambda: ServoBench().hold(),
+    Mode.TRACKING: in_motion,
+}
+
+
+@pytest.mark.parametrize("code", [FaultCode.ENC_STUCK, FaultCode.VEL_LIMIT, FaultCode.COLLISION])
+@pytest.mark.parametrize("mode", IN_MODE)
+def test_a_code_leads_where_the_diagram_says(mode: Mode, code: FaultCode) -> None:
+    bench = IN_MODE[mode]()
+    assert bench.mode is mode
+    report_fault(bench.state, code, 0, 0.2, 0.1)
+    bench.tick()
+    told = re.compile(rf"\bcategory (\d or )?{stop_category(code):d}( or \d)? fault")
+    reasons = TRANSITIONS[mode] | {mode: ""}
+    assert {target for target, why in reasons.items() if told.search(why)} == {bench.mode} - {mode}
 
 
 # --------------------------------------------------------------------------------------------------------- power on
