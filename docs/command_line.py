@@ -38,4 +38,5 @@ def _load(target: str) -> Any:
     found = getattr(module, name)
     if isinstance(found, App):
         found.help = getattr(module, "HELP", None)  # the table's line may have replaced it
+        found.default_parameter = PLAIN_OPTIONS  # its commands would have it from the whole command, but not on a page
     return found

@@ -17,7 +17,7 @@ from qrobot.config.outputs import BoardAnalogOutput, BoardOutput
 from qrobot.errors import ConfigError
 from qrobot.servo.analog_lines import AnalogWire, analog_params
 from qrobot.servo.calibration.table import CalibrationTable, load_table
-from qrobot.servo.laws import check_law_name
+from qrobot.servo.laws import LAWS, check_law_name
 from qrobot.servo.laws.file import is_file_law, load_law, split_name
 from qrobot.servo.output_lines import OutputWire
 from qrobot.servo.settings import COUNTED_ONLY, Overrun, ServoSettings
@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from qrobot.servo.neighbour import Neighbour
 
 DEFAULT_DEPLOYMENT = "emulator"
+LAW_NAMES = f"{', '.join(LAWS)}, or your own as path/to/file.py:name, from this folder"  # as help tells them
 REDUCED_SPEED_MM_S = 250.0  # ISO 10218-1: the most of a tool with a person within reach
 
 

@@ -1,4 +1,4 @@
-"""`qrobot cc`: compile a C program for RCCL or RCI."""
+"""`qrobot cc`: compile a C program for RCCL, Multi-RCCL, RCI or ARCL."""
 
 from __future__ import annotations
 
@@ -22,11 +22,12 @@ def cc(
     robot: tuple[Path, ...] = (),
     release: Literal["auto", "1.0", "multi"] = "auto",
 ) -> int:
-    """Compile a program in C that moves an arm through RCCL or RCI, legacy programs of the eighties included.
+    """Compile a program in C that moves an arm through RCCL, Multi-RCCL, RCI or ARCL, legacy programs of the eighties
+    included.
 
-    It is the C compiler (that of CC, else cc) with what such programs need: the headers rccl.h and rci.h, C as it was
-    then without complaints about it, and the library, of which the linker takes what a program calls. A program finds
-    its arm by itself, as one in Python does; `qrobot run` takes it as well.
+    It is the C compiler (that of CC, else cc) with what such programs need: the headers rccl.h, rci.h and arcl.h, C as
+    it was then without complaints about it, and the library, of which the linker takes what a program calls. A program
+    finds its arm by itself, as one in Python does; `qrobot run` takes it as well.
 
       qrobot cc prog.c -o prog
       ./prog                         moves the arm of `qrobot up`

@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Annotated, Final, Literal
 
 from cyclopts import App, Parameter
 from rich.table import Table
 
-from qrobot.cli.arms import DEFAULT_DEPLOYMENT, choose_arm, robot_of_arm, whole_law_name
+from qrobot.cli.arms import DEFAULT_DEPLOYMENT, LAW_NAMES, choose_arm, robot_of_arm, whole_law_name
 from qrobot.cli.console import SUCCESS, note, out, plain_table, print_table, write_json
 from qrobot.cli.fence_table import fence_table
 from qrobot.cli.option_types import GainsOption, Indexes, LoadKg, Percent, Seconds
@@ -26,7 +27,7 @@ HELP: Final = """
 Command a running servo by hand: power, stop, pause, speed, clear, law, gains; look at it, or watch it.
 
 An arm has one commander: while a program commands it over the bridge, only `stop`, `power off`,
-`pause`, `resume` and `override` are obeyed from here.
+`pause`, `resume`, `override` and `collision` are obeyed from here.
 Everybody may look.
 """
 
@@ -39,27 +40,15 @@ app = App(name="ctl", help=HELP, help_format="plaintext", group_commands="Comman
 
 
 @Parameter(name="*")
+@dataclass(frozen=True)
 class Where:
-    """The servo to talk to, and the form of the answer."""
+    """The servo to talk to, and the form of the answer: options of every subcommand."""
 
-    def __init__(
-        self,
-        deployment: str = DEFAULT_DEPLOYMENT,
-        arm: str | None = None,
-        json: bool = False,
-    ) -> None:
-        """Parameters of every subcommand.
-
-        Parameters
-        ----------
-        deployment
-            Deployment file, or the name of a packaged one.
-        arm
-            Which arm of the file; may be left out when there is only one.
-        json
-            Print the servo's answer as JSON, its whole status or what was asked for.
-        """
-        self.deployment, self.arm, self.json = deployment, arm, json
+    deployment: Annotated[str, Parameter(help="Deployment file, or the name of a packaged one.")] = DEFAULT_DEPLOYMENT
+    arm: Annotated[str | None, Parameter(help="Which arm of the file; may be left out when there is only one.")] = None
+    json: Annotated[
+        bool, Parameter(help="Print the servo's answer as JSON, its whole status or what was asked for.")
+    ] = False
 
 
 def _do(where: Where | None, act: Callable[[ServoClient], ServoStatus]) -> int:
@@ -233,7 +222,9 @@ def collision(
     reaction: Literal["stop", "comply"] = "stop",
     where: Where | None = None,
 ) -> int:
-    """Tell collisions sooner than the robot file does, and choose what follows them; in force until the servo ends.
+    """Tell collisions sooner than the robot file does, and choose what follows them. Anybody may.
+
+    It is in force until the servo ends, or until a program that asks for its own leaves.
 
     Parameters
     ----------
@@ -290,7 +281,7 @@ def tare(*, where: Where | None = None) -> int:
 
 @app.command
 def law(
-    name: str,
+    name: Annotated[str, Parameter(help=f"{LAW_NAMES}.")],
     *,
     set: Annotated[list[str] | None, Parameter(consume_multiple=True)] = None,
     where: Where | None = None,
@@ -299,9 +290,6 @@ def law(
 
     Parameters
     ----------
-    name
-        pd, qrobot, qrobot+a, computed-torque, joint_impedance, cartesian_impedance, unimation, or your own as
-        path/to/file.py:name, from this folder.
     set
         Settings of the law, such as --set band=0.01 share=0.05; the others have their default. An impedance that
         is in force takes them at any time, also while it moves, and the others stay.
@@ -343,7 +331,7 @@ def gains(
     inertia
         kg m^2 of the acceleration feed-forward, one number a joint.
     force
-        Take numbers of more than four times the robot file's too.
+        Take more than four times the robot file's numbers too, and less than a quarter of its Kv.
     """
     if kp is None and kv is None and inertia is None:
         return _show_gains(where or Where())

@@ -6,12 +6,13 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
 
+from cyclopts import Parameter
 from rich.table import Table
 from rich.text import Text
 
-from qrobot.cli.arms import DEFAULT_DEPLOYMENT
+from qrobot.cli.arms import DEFAULT_DEPLOYMENT, LAW_NAMES
 from qrobot.cli.console import FAILURE, SUCCESS, err, note, out, print_table, write_json
 from qrobot.cli.option_types import OutputFile, OutputFolder
 from qrobot.config.deployment import DeployedArm, Interpolation, Velocity
@@ -30,7 +31,7 @@ def demo(
     lockstep: bool = False,
     rate: Literal[1000, 2000, 4000] | None = None,
     plant: Literal["nominal", "mismatched"] | None = None,
-    law: str | None = None,
+    law: Annotated[str | None, Parameter(help=f"Another control law: {LAW_NAMES}.")] = None,
     velocity: Velocity | None = None,
     interpolation: Interpolation | None = None,
     deployment: str = DEFAULT_DEPLOYMENT,
@@ -52,9 +53,6 @@ def demo(
         Only this servo rate, Hz.
     plant
         Only this plant; mismatched means lock-step.
-    law
-        Another control law: pd, qrobot, qrobot+a, computed-torque, unimation, or your own as
-        path/to/file.py:name, from this folder.
     velocity
         Another estimate of the velocity: the observer in place of the paper's difference.
     interpolation

@@ -12,10 +12,10 @@ if TYPE_CHECKING:
 
 
 def default_told(value: Any) -> str | None:
-    """Write an option's default as help tells it: None for a flag that is off, what is not given, an empty list."""
+    """Write an option's default as help tells it: None for a flag that is off, what is not given, what is empty."""
     if isinstance(value, tuple):
         return " ".join(map(str, value)) or None
-    return None if value is False or value is None else str(value)
+    return None if value is False or value is None else str(value) or None
 
 
 PLAIN_OPTIONS: Final = Parameter(negative_bool=(), negative_iterable=(), show_default=default_told)

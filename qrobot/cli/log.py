@@ -287,7 +287,8 @@ def record(
     """Record every cycle of a servo until Ctrl-C, from one servo process to the next.
 
     Each servo process gets a log of its own, named after the arm and the time. Starting late loses nothing that is
-    still in the servo's memory (some seconds), and a full disk never disturbs the servo.
+    still in the servo's memory (a minute, or `black_box_s` of the deployment file), and a full disk never
+    disturbs the servo.
 
     Parameters
     ----------

@@ -57,7 +57,7 @@ def run(
     record: options.RecordOption = None,
     traceback: options.TracebackOption = False,
 ) -> int:
-    """Run a program that moves an arm through `qrobot.rccl` or `qrobot.arcl`, or what `qrobot cc` made of one in C.
+    """Run a program that moves arms by `qrobot.rccl`, `multi_rccl`, `rci` or `arcl`, or one in C that `qrobot cc` made.
 
     The program is an ordinary one; it finds the arm by itself. With --lockstep it needs no running arm: an emulated
     one runs inside this process on virtual time, the same way every time, and as fast as the machine allows. With

@@ -13,6 +13,7 @@ from cyclopts import App, Parameter
 
 from qrobot.cli.arms import (
     DEFAULT_DEPLOYMENT,
+    LAW_NAMES,
     card_of_arm,
     choose_arm,
     controlled_robot,
@@ -40,7 +41,10 @@ def servo(
     *,
     arm: str | None = None,
     rate: RateHz | None = None,
-    law: str | None = None,
+    law: Annotated[
+        str | None,
+        Parameter(help=f"Control law, overriding the file's: {LAW_NAMES}; in the file it is from that file's."),
+    ] = None,
     model: str | None = None,
     velocity: Velocity | None = None,
     interpolation: Interpolation | None = None,
@@ -61,9 +65,6 @@ def servo(
         Which arm of the file; may be left out when there is only one.
     rate
         Cycles per second, overriding the file: 1000, 2000, 4000, ...
-    law
-        Control law, overriding the file's: pd, qrobot, qrobot+a, computed-torque, unimation, or path/to/file.py:name,
-        from this folder; in the file it is from that file's.
     model
         Identified model of the arm (`qrobot identify fit`), overriding the file.
     velocity

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import json
 import re
 import shutil
 import signal
@@ -15,7 +16,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, cast, get_args
 
 import numpy as np
 import pytest
@@ -38,6 +39,7 @@ from qrobot.report import QueuedReport
 from qrobot.servo.laws import LAWS, find_law
 from qrobot.servo.laws.law import KP, KV, Law
 from qrobot.servo.laws.law_swap import SwapState
+from qrobot.servo.memory.commander_lock import Authority
 from qrobot.servo.memory.law_history import JournalReader
 from qrobot.servo.memory.mailbox import ServoMailbox
 from qrobot.servo.memory.servo_memory import journal_base
@@ -50,6 +52,7 @@ from qrobot.servo.operator.messages import (
     MAX_LINE_BYTES,
     ChangeGains,
     ChangeLaw,
+    OperatorRequest,
     Reply,
     decode_reply,
     decode_request,
@@ -344,6 +347,30 @@ def test_one_commands_and_everybody_may_look_stop_and_cut_the_power(servo: Bench
         assert other.stop().mode == "HOLDING"
         assert other.power_off().mode == "OFF"
     assert client.power_on().mode == "HOLDING"
+
+
+@pytest.fixture
+def idle_servo() -> tuple[str, Controls]:
+    """A servo that nobody serves or ticks: the name of its arm, and what answers its visitors."""
+    process = Bench(ServoBench().tick(5))
+    return process.arm, Controls(process)
+
+
+def test_what_anybody_may_ask_for_is_what_the_help_of_ctl_says(idle_servo: tuple[str, Controls]) -> None:
+    arm, controls = idle_servo
+    values = {"law": {"name": "pd"}, "override": {"factor": 1.0}, "payload": {"mass": 0.0}}
+    commands = [kind.model_fields["command"].default for kind in get_args(get_args(OperatorRequest)[0])]
+    holder = Authority(arm)
+    visitor = cast("OperatorConnection", SimpleNamespace(label="a visitor", gone=threading.Event()))
+    holder.take("somebody")
+    try:
+        lines = {each: json.dumps({"command": each, **values.get(each, {})}).encode() for each in commands}
+        replies = {each: controls.begin(visitor, line) for each, line in lines.items()}
+    finally:
+        holder.release()
+    refused = {each for each, reply in replies.items() if isinstance(reply, bytes)}
+    assert all(b"is commanded by somebody" in replies[each] for each in refused)
+    assert set(commands) - refused == {"status", "fences", *re.findall("`([a-z ]+)`", ctl.HELP)}
 
 
 def test_a_connection_that_ends_frees_the_command_and_leaves_the_power(servo: Bench) -> None:
