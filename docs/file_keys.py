@@ -34,7 +34,9 @@ PER_JOINT: Final = {
     "JointDegreesPositive": "speeds in degrees/s (m/s on a sliding joint)",
 }
 WORDS: Final = {str: "text", int: "whole number", float: "number", bool: "true or false"}
-BOUNDS: Final = {"ge": "from {}", "gt": "above {}", "le": "to {}", "lt": "below {}"}
+BOUNDS: Final = {
+    "ge": "from {}", "gt": "above {}", "le": "to {}", "lt": "below {}", "multiple_of": "that is a multiple of {}",
+}  # fmt: skip
 
 
 def deployment_keys() -> str:
@@ -119,21 +121,23 @@ def _kind(alias: str, annotation: Any) -> str:
 def _plain(annotation: Any) -> str:
     origin, arguments = get_origin(annotation), get_args(annotation)
     if origin is Literal:
-        return " or ".join(f'`"{each}"`' for each in arguments)
+        return " or ".join(f"`{json.dumps(each)}`" for each in arguments)
     if origin in (Union, UnionType):
         return _plain(next(each for each in arguments if each is not type(None)))
     if origin is Annotated:
         return _plain(arguments[0])
-    return _several(arguments) if origin in (tuple, dict) else WORDS[annotation]
+    if origin is dict:
+        return _by_name(*arguments)
+    return _listed(arguments) if origin is tuple else WORDS[annotation]
 
 
-def _several(arguments: tuple[Any, ...]) -> str:
-    """Values of a list, or by name."""
-    if Ellipsis in arguments:
-        return f"list of {_plain(arguments[0])}"
-    names, value = arguments[0], arguments[-1]
-    if get_origin(names) is Literal:
-        return f"table of {_plain(value)}, by {_plain(names)}"
-    if names is str:
-        return f"table of {_plain(value)}, by name"
-    return f"{len(arguments)} {_plain(value)}s"
+def _by_name(names: Any, value: Any) -> str:
+    return f"table of {_plain(value)}, by {'name' if names is str else _plain(names)}"
+
+
+def _listed(arguments: tuple[Any, ...]) -> str:
+    """Values of a list, as many as there are or a certain number."""
+    if Ellipsis not in arguments:
+        return f"{len(arguments)} {_plain(arguments[0])}s"
+    inner = _plain(arguments[0])
+    return f"list of {'lists of ' if inner[0].isdigit() else ''}{inner}"

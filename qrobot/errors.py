@@ -18,6 +18,7 @@ QRobotError
 │   └── FenceCrossed       the arm would come too near a fence: carries fence, body, depth and place
 ├── ProgramError           a VAL II program or command is wrong: names line, column and what was expected
 ├── ServoFault             the servo stopped the arm: carries the fault code and its last samples
+├── Stalled                a process came too late, and ended a run on the wall clock
 ├── RogueTask              a control task of RCI took longer than it is allowed, and was ended
 ├── IdentificationError    recorded motion does not determine a model: names what is missing
 └── LogError               a log is missing, torn or of another format

@@ -17,7 +17,7 @@ class ArclEvent(IntEnum):
     EVENT_NEAR = 3  # it is nearly complete: the transition out of it is due
     EVENT_DONE = 4  # it is complete: its goal is reached, or passed in the middle of a transition
     EVENT_STOP = 5  # it ends before that: stopped, interrupted, or dropped from the queue
-    EVENT_LIMIT = 6  # error: a joint would leave its range
+    EVENT_LIMIT = 6  # error: a joint would leave its range, or the arm come too near a fence
     EVENT_REACH = 7  # error: the goal, or a place on the way, is out of the arm's reach
     EVENT_SINGULAR = 8  # error: the way leads too close to a singularity
     EVENT_FAST = 9  # error: a joint would be too fast, as when a frame jumps

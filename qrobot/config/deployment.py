@@ -45,8 +45,9 @@ class BoardChoice(Table):
     `[arm.board.can]`, though it may be empty.
 
     `revision` defaults to the robot file's. With `pots = false` the arm has no potentiometers, as the PUMA 200 series,
-    and their ADC channels are free inputs. `calibration_table` is a packaged table or a `.txt`; without one the servo
-    looks at no potentiometer, and cannot calibrate the arm. With `calibrate_at_start`, `qrobot up` calibrates an arm
+    and their ADC channels are free inputs: it is needed too where something else is on channels of potentiometers.
+    `calibration_table` is a packaged table or a `.txt`; without one the servo cannot calibrate the arm, and its
+    potentiometers only watch over their encoders. With `calibrate_at_start`, `qrobot up` calibrates an arm
     whose board has lost its counters, as the supervisor of the papers did: it moves. `plant` is the physics behind the
     emulated board: the robot file's own (`nominal`) or one fixed draw of wrong friction, gravity, torque gain and
     stiction (`mismatched`). `calibrated` is the state of the counters at chassis power-up. `adc_idle` and `index_idle`

@@ -18,7 +18,7 @@ from qrobot.wire.codec import encode
 from qrobot.wire.layout import C_TYPES, HEADER_BYTES, HEADER_FIELDS, LAYOUTS, Field, Layout
 from qrobot.wire.packets import Command
 from qrobot.wire.states import mermaid
-from qrobot.wire.vocabulary import ERROR_MEANING, JointMode, RobotFlag
+from qrobot.wire.vocabulary import ERROR_MEANING, FLAG_MEANING, JointMode, RobotFlag
 
 EXAMPLE: Final = Command(
     seq=258, modes=(JointMode.POSITION, JointMode.HOLD), setpoints=(0.5, 0.0), power=True, stream=1, ack=258, t_ns=1_000
@@ -85,10 +85,16 @@ def error_table() -> str:
     return "\n".join(rows)
 
 
-def number_table(numbers: type[Mode | RobotFlag]) -> str:
-    """Names and numbers of an enumeration."""
+def mode_table() -> str:
+    """Names and numbers of the modes."""
     rows = ["| number | name |", "| --- | --- |"]
-    return "\n".join(rows + [f"| {each.value} | {each.name} |" for each in numbers])
+    return "\n".join(rows + [f"| {each.value} | {each.name} |" for each in Mode])
+
+
+def flag_table() -> str:
+    """The bits of `flags`."""
+    rows = ["| number | name | meaning |", "| --- | --- | --- |"]
+    return "\n".join(rows + [f"| {each.value} | {each.name} | {FLAG_MEANING[each]} |" for each in RobotFlag])
 
 
 def fault_table() -> str:
@@ -176,8 +182,8 @@ PARTS: Final[dict[str, Callable[[], str]]] = {
     "states": lambda: f"```mermaid\n{mermaid()}```",
     "errors": error_table,
     "faults": fault_table,
-    "modes": partial(number_table, Mode),
-    "flags": partial(number_table, RobotFlag),
+    "modes": mode_table,
+    "flags": flag_table,
     "structs": c_structs,
     "dump": hex_dump,
     **{shape.name.lower(): partial(field_table, shape) for shape in LAYOUTS},

@@ -13,7 +13,7 @@ from struct import Struct
 from typing import Final
 
 from qrobot.wire.robot_state import StateRow, StateTable, rows_of
-from qrobot.wire.vocabulary import N_ANALOG_OUTPUTS, N_SIGNALS, SIGNAL_NAME_BYTES
+from qrobot.wire.vocabulary import N_ANALOG_OUTPUTS, N_SIGNALS, SIGNAL_NAME_BYTES, Request
 
 MAGIC: Final = b"QROB"
 HEADER_BYTES: Final = 24
@@ -113,6 +113,8 @@ def state_fields(rows: tuple[StateRow, ...]) -> tuple[Field, ...]:
     return tuple(fields)
 
 
+_REQUESTS: Final = ", ".join(f"{each.value} {str(each.name).lower().replace('_', ' ')}" for each in Request)
+
 HELLO: Final = Layout(
     1,
     "HELLO",
@@ -153,7 +155,7 @@ COMMAND: Final = Layout(
     (
         Field("joints", "B", "-", "n of WELCOME"),
         Field("hand", "B", "-", "0 relaxed, 1 open, 2 closed"),
-        Field("requests", "H", "bits", "1 power, 2 clear fault, 4 stop, 8 hold to run, 16 key held"),
+        Field("requests", "H", "bits", _REQUESTS),
         Field("stream", "I", "-", "names one run of setpoints; after any stop the arm follows only a new one"),
         Field(
             "outputs",

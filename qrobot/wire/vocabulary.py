@@ -63,11 +63,25 @@ class RobotFlag(IntFlag):
     ESTOP_OK = 4
     GUARDED = 8
     AT_REST = 16
-    PAUSED = 64  # the operator wants motions to stand still on their path
+    PAUSED = 64
     YOU_COMMAND = 0x100
-    COMMANDED = 0x200  # somebody commands
-    PATH_WAITS = 0x400  # the commander's arm stands off its path, until somebody confirms that it may go back
-    IN_STEP = 0x800  # seq counts the sample periods of the bridge's clock, as HELLO has asked for
+    COMMANDED = 0x200
+    PATH_WAITS = 0x400
+    IN_STEP = 0x800
+
+
+FLAG_MEANING: Final[dict[RobotFlag, str]] = {
+    RobotFlag.POWERED: "arm power is on, as the board's image shows it",
+    RobotFlag.CALIBRATED: "the counters are calibrated",
+    RobotFlag.ESTOP_OK: "the emergency stop is released",
+    RobotFlag.GUARDED: "the guardian's heartbeat goes on",
+    RobotFlag.AT_REST: "the reference of every joint stands still",
+    RobotFlag.PAUSED: "the operator wants motions to stand still on their path",
+    RobotFlag.YOU_COMMAND: "this connection commands",
+    RobotFlag.COMMANDED: "somebody commands",
+    RobotFlag.PATH_WAITS: "the commander's arm stands off its path, until somebody confirms that it may go back",
+    RobotFlag.IN_STEP: "`seq` counts the sample periods of the bridge's clock, as HELLO has asked for",
+}
 
 
 class Request(IntFlag):

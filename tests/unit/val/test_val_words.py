@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from qrobot.errors import ProgramError
+from qrobot.val import number_ranges
 from qrobot.val.monitor import HELP
 from qrobot.val.parser import parse_line
 from qrobot.val.vocabulary import (
@@ -50,6 +51,26 @@ def test_every_word_in_a_section_of_the_page_is_known(title: str) -> None:
     code = " ".join(re.findall(r"`([^`]+)`", _section(title)))
     words = set(re.findall(r"(?<![\w.])[A-Z][A-Z0-9.]+(?![\w.])", code))
     assert words - KNOWN - {"MMPS", "ALWAYS", "OF", "BY", "HAND.TIME", "PPOINT"} == set()
+
+
+def test_every_constant_is_on_the_page_as_a_word_that_takes_no_value() -> None:
+    assert [word for word in NUMBER_VALUES if f"`{word.upper()}`" not in _section("Locations and numbers")] == []
+
+
+@pytest.mark.parametrize(
+    ("title", "pattern", "end"),
+    [
+        ("Motions", r"`SPEED n .*above 0 and up to (\d+)", number_ranges.SPEED.most),
+        ("Signals and events", r"timers are 0 to (\d+)", number_ranges.TIMER.most),
+        ("Terminal", r"`PARAMETER HAND.TIME = s` \(0 to (\d+)\)", number_ranges.PARAMETER_RANGES["HAND.TIME"].most),
+        ("Terminal", r"torques in the robot file, 1 to (\d+)", number_ranges.PARAMETER_RANGES["COLLISION"].most),
+        ("Terminal", r"before the program pauses: 0 to (\d+)", number_ranges.PARAMETER_RANGES["RETRACT"].most),
+    ],
+)  # fmt: skip
+def test_numbers_that_a_step_takes_end_where_the_page_says(title: str, pattern: str, end: float) -> None:
+    found = re.search(pattern, _section(title))
+    assert found is not None
+    assert float(found[1]) == end
 
 
 def test_every_command_of_the_monitor_is_there_and_on_the_page() -> None:

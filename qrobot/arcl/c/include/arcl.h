@@ -38,7 +38,7 @@ typedef struct arcl_pos {
     char *name;
 } Pos;
 
-/* Valid until 200 more have been asked for. */
+/* Valid until 256 more have been asked for. */
 typedef struct arcl_motion {
     char *name;
     double t0;         /* when it was taken out of the queue, ms */
