@@ -143,7 +143,7 @@ EXPLANATION: dict[FaultCode, tuple[str, str]] = {
     ),
     FaultCode.BOARD_GONE: (
         "the board does not answer or its data are stale",
-        "check the board or its process, then `qrobot ctl clear`",
+        "check the board or its process, then `qrobot ctl clear` where it was a fault, and power on",
     ),
     FaultCode.BOARD_JOINTS: (
         "the board has fewer encoder channels than the robot has joints",
@@ -176,10 +176,13 @@ EXPLANATION: dict[FaultCode, tuple[str, str]] = {
         "see `qrobot doctor`, lower the rate or relax [arm.servo] overrun, then `qrobot ctl clear`",
     ),
     FaultCode.GUARD_TRIP: ("the guardian cut the torque because the servo's heartbeat stopped", "`qrobot ctl clear`"),
-    FaultCode.GUARD_LOST: ("the guardian is gone", "restart the guardian, then `qrobot ctl clear`"),
+    FaultCode.GUARD_LOST: (
+        "the guardian is gone",
+        "restart the guardian, then `qrobot ctl clear` where it was a fault, and power on",
+    ),
     FaultCode.MOVING_AT_START: (
         "the arm moves although it should be at rest",
-        "wait until it stands still, then `qrobot ctl clear`",
+        "wait until it stands still, then power on",
     ),
     FaultCode.LAW_NAN: ("the control law returned no finite torque", "correct the law, then `qrobot ctl clear`"),
     FaultCode.LAW_SLOW: (
@@ -252,7 +255,10 @@ EXPLANATION: dict[FaultCode, tuple[str, str]] = {
         "a remote module beside the board does not answer; its inputs read as safe",
         "check the module and its cable; it is used again as soon as it answers",
     ),
-    FaultCode.ESTOP: ("the emergency stop is pressed", "release it, then `qrobot ctl clear` and power on"),
+    FaultCode.ESTOP: (
+        "the emergency stop is pressed",
+        "release it, then `qrobot ctl clear` where it was a fault, and power on",
+    ),
     FaultCode.HOLD_TO_RUN: (
         "the key that lets the arm move was released, or its signal stayed away",
         "hold the key to go on",
