@@ -153,6 +153,7 @@ def servo_settings(
         interpolation=interpolation or arm.servo.interpolation,
         guardian_timeout_ms=arm.servo.guardian_timeout_ms,
         board_timeout_ms=arm.servo.board_timeout_ms,
+        emulated=arm.board.emulated,
         board_slips=arm.board.slips,
         cpu=arm.servo.cpu,
         sensor_channels=arm.servo.sensor_channels,
@@ -239,7 +240,7 @@ def overrun_of(arm: DeployedArm) -> Overrun:
     """The file's choice; without one a real arm stops at a few late cycles, and an emulated one counts them."""
     chosen = arm.servo.overrun
     if chosen is None:
-        return COUNTED_ONLY if arm.board.kind == "emulator" else Overrun()
+        return COUNTED_ONLY if arm.board.emulated else Overrun()
     return Overrun(chosen.misses_in_a_row, chosen.late_share, chosen.window_s)
 
 

@@ -75,7 +75,7 @@ def board(
         Write every register access of a board behind a transport to this file; `qrobot board replay` reads it.
     """
     chosen = choose_arm(deployment, arm)
-    if chosen.board.kind != "emulator":
+    if not chosen.board.emulated:
         refuse_options(chosen, plant=plant, calibrated=calibrated, fault=fault, faults=faults, scene=scene, serve=serve)
         run_gateway(chosen, record)
         return

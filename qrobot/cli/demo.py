@@ -96,7 +96,7 @@ def demo(
 
 def _require_emulated(arm: DeployedArm, deployment: str) -> None:
     """Raise ConfigError for an arm with a real board: the demo moves fast, and again by itself where a run stalled."""
-    if arm.board.kind != "emulator":
+    if not arm.board.emulated:
         raise ConfigError(
             f"{deployment}: the board of {arm.name} is no emulated one ({arm.board.kind}), and the demo moves at full "
             "speed: see it with --lockstep, and move a real arm by `qrobot up` and `qrobot run`"

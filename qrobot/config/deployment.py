@@ -151,9 +151,14 @@ class BoardChoice(Table):
         return float(getattr(transport, "period_ms", 0.0))
 
     @property
+    def emulated(self) -> bool:
+        """No hardware is behind the board, and nothing is hurt."""
+        return self.kind == "emulator"
+
+    @property
     def slips(self) -> bool:
         """The board may let time stand still: only an emulated one can."""
-        return self.kind == "emulator" and self.time_slip
+        return self.emulated and self.time_slip
 
     @property
     def position_drives(self) -> bool:

@@ -33,7 +33,7 @@ class BoardAccess:
     def __init__(
         self, arm: DeployedArm, deployment: str, tell: Callable[[str], None], clock: Callable[[], float]
     ) -> None:
-        self.emulated = arm.board.kind == "emulator"
+        self.emulated = arm.board.emulated
         self._name, self._place = arm.name, ["--deployment", deployment, "--arm", arm.name]
         self._tell, self._clock = tell, clock
         self._process: subprocess.Popen[bytes] | None = None

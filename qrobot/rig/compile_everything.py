@@ -28,7 +28,7 @@ def stages(arm: DeployedArm, robot: Robot, settings: ServoSettings) -> Iterator[
     Raises:
         ConfigError: what `emulator_of_arm` raises; the calls raise the same of the law.
     """
-    if arm.board.kind == "emulator":
+    if arm.board.emulated:
         emulator = emulator_of_arm(arm, robot)
         yield "servo and emulated board in lock-step", lambda: _compile_loop(LockstepRig(robot, settings, emulator))
         yield "emulated board", lambda: server.warm_up(emulator)

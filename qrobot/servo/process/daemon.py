@@ -67,7 +67,7 @@ from qrobot.servo.process.loop_priority import LoopPriority
 from qrobot.servo.process.neighbour_look import looking
 from qrobot.servo.process.rate_test import RATE, RT_BUDGET, judge_budget, judge_pace
 from qrobot.servo.process.rate_trial import RateTrial, first_margin, has_fifo, spin_share
-from qrobot.servo.settings import COUNTED_ONLY, ServoSettings
+from qrobot.servo.settings import ServoSettings
 from qrobot.servo.state import ServoState, make_state
 
 BOARD_AWAY_NS = 1_000_000_000
@@ -147,8 +147,8 @@ class ServoProcess:
         for code, step in judged:
             self.steps += (step,)
             self.report(f"{step.name}: {step.detail}" if step.ok else _complaint(code, step))
-            lateness_stops = self.settings.overrun != COUNTED_ONLY
-            if not step.ok and (lateness_stops or self.require_realtime) and not self.settings.unchecked_rate:
+            insists = self.require_realtime or not self.settings.emulated
+            if not step.ok and insists and not self.settings.unchecked_rate:
                 raise QRobotError(_complaint(code, step))
 
     def _spin_share(self) -> float:

@@ -15,7 +15,6 @@ import numpy as np
 from qrobot.faultcodes import FaultCode
 from qrobot.realtime.setup import SetupStep
 from qrobot.servo.memory.telemetry import Rows
-from qrobot.servo.settings import HIGHEST_RATE_HZ, LOWEST_RATE_HZ
 from qrobot.units import NS_PER_S
 
 RATE: Final = int(FaultCode.RATE)
@@ -47,10 +46,10 @@ class RateTest:
         """The machine keeps cycles of this length."""
         return self.cost_ns <= MOST_COST * period_ns and self.late_share <= MOST_LATE
 
-    def highest_rate(self) -> float:
-        """The highest of `RATES` whose period leaves room for cost and wake-up error as measured."""
+    def highest_rate(self) -> float | None:
+        """The highest of `RATES` whose period leaves room for cost and wake-up error as measured; None for none."""
         shortest_ns = max(self.cost_ns / MOST_COST, 2.0 * self.late_ns)
-        return next((rate for rate in RATES if NS_PER_S / rate >= shortest_ns), LOWEST_RATE_HZ)
+        return next((rate for rate in RATES if NS_PER_S / rate >= shortest_ns), None)
 
     def words(self, period_ns: int) -> str:
         """Words for people."""
@@ -90,11 +89,12 @@ def judge_pace(run_window: Callable[[], Rows], rate_hz: float) -> SetupStep:
     name = "rate"
     if pace is None:
         return SetupStep(name, False, f"{rate_hz:g} Hz: the loop hardly ran", "free the processor of other work")
-    detail, fits = f"{rate_hz:g} Hz: {pace.words(period_ns)}", min(pace.highest_rate(), HIGHEST_RATE_HZ)
+    detail, fits = f"{rate_hz:g} Hz: {pace.words(period_ns)}", pace.highest_rate()
     if pace.keeps(period_ns):
-        return SetupStep(name, True, detail + (f"; there is room for {fits:g} Hz" if fits > rate_hz else ""))
-    advice = f"this machine would keep {fits:g} Hz" if fits < rate_hz else "free the processor of other work"
-    return SetupStep(name, False, detail, f"{advice}: lower rate_hz, or sign for yours with unchecked_rate = true")
+        return SetupStep(name, True, detail + (f"; there is room for {fits:g} Hz" if fits and fits > rate_hz else ""))
+    lower = fits is not None and fits < rate_hz
+    advice = f"this machine would keep {fits:g} Hz: lower rate_hz" if lower else "free the processor of other work"
+    return SetupStep(name, False, detail, f"{advice}, or sign for your rate_hz with unchecked_rate = true")
 
 
 def judge_budget(spin_share: float, throttled_to: float | None) -> SetupStep:

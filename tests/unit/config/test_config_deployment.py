@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from qrobot.cli.arms import overrun_of
+from qrobot.cli.arms import overrun_of, servo_settings
 from qrobot.config import Deployment, load_deployment, load_robot
 from qrobot.errors import ConfigError
 from qrobot.servo.settings import COUNTED_ONLY, Overrun
@@ -124,6 +124,15 @@ def test_late_cycles_of_an_emulated_arm_are_counted_unless_its_file_sets_a_limit
     assert overrun_of(lenient) == COUNTED_ONLY
     [strict] = load(tmp_path, ONE + "[arm.servo.overrun]\nwindow_s = 2.0\n").arm
     assert overrun_of(strict) == Overrun(misses_in_a_row=3, late_share=0.01, window_s=2.0)
+
+
+def test_the_servo_knows_whether_its_board_is_emulated(tmp_path: Path) -> None:
+    [emulated] = load(tmp_path, ONE).arm
+    assert servo_settings(emulated).emulated
+    counted = "servo = { board_timeout_ms = 5, overrun = { misses_in_a_row = 0, late_share = 1.0 } }\n"
+    [real] = load(tmp_path, f'{ONE}{counted}board = {{ kind = "modbus", modbus = {{}} }}\n').arm
+    assert servo_settings(real).overrun == COUNTED_ONLY
+    assert not servo_settings(real).emulated
 
 
 def test_files_are_sought_from_the_folder_of_the_deployment_file(

@@ -27,3 +27,8 @@ def test_a_fault_on_the_page_is_raised_and_its_test_exists(code: FaultCode) -> N
 def test_every_code_raised_has_its_row() -> None:
     page = REFRESH["PARTS"]["reactions"]()
     assert {line.split()[1] for line in page.splitlines()[2:]} == RAISED - {"NONE"}
+
+
+def test_every_row_stands_by_itself() -> None:
+    """They are sorted by number: none may refer to the one above it."""
+    assert [code.name for code, fact in FACTS.items() if "likewise" in fact.bound] == []

@@ -83,6 +83,7 @@ def test_a_rate_that_is_not_kept_is_told_with_one_that_would_be() -> None:
     assert not step.ok
     assert "this machine would keep 500 Hz" in step.remedy
     assert not judge_pace(lambda: window(rows=1), 1000.0).ok
+    assert "would keep" not in judge_pace(lambda: window(cost_ns=9_000_000), 1000.0).remedy  # no file may have 50 Hz
 
 
 @pytest.mark.parametrize("rate_hz", [0.0, -1.0, 49.0, 10_001.0, 20_000.0, 1e9, np.nan, np.inf])
@@ -184,13 +185,17 @@ def slow_window() -> Rows:
     return window(cost_ns=900_000)
 
 
-@pytest.mark.parametrize("choices", [{}, {"overrun": COUNTED_ONLY, "require_realtime": True}])
+@pytest.mark.parametrize(
+    "choices", [{}, {"overrun": COUNTED_ONLY}, {"emulated": True, "overrun": COUNTED_ONLY, "require_realtime": True}]
+)
 def test_a_real_board_or_whoever_requires_real_time_gets_no_loop_that_is_too_slow(choices: dict[str, object]) -> None:
     with pytest.raises(QRobotError, match=r"^RATE: 1000 Hz: .*this machine would keep 500 Hz"):
         ServoProcess._insist_on_the_rate(starting(**choices), slow_window)  # type: ignore[arg-type]
 
 
-@pytest.mark.parametrize("choices", [{"overrun": COUNTED_ONLY}, {"unchecked_rate": True}])
+@pytest.mark.parametrize(
+    "choices", [{"emulated": True, "overrun": COUNTED_ONLY}, {"emulated": True}, {"unchecked_rate": True}]
+)
 def test_an_emulated_arm_and_whoever_signs_are_told(choices: dict[str, object]) -> None:
     process = starting(**choices)  # type: ignore[arg-type]
     ServoProcess._insist_on_the_rate(process, slow_window)  # type: ignore[arg-type]
