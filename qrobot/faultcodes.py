@@ -182,7 +182,7 @@ EXPLANATION: dict[FaultCode, tuple[str, str]] = {
     ),
     FaultCode.MOVING_AT_START: (
         "the arm moves although it should be at rest",
-        "wait until it stands still, then power on",
+        "wait until it stands still, then ask for power again",
     ),
     FaultCode.LAW_NAN: ("the control law returned no finite torque", "correct the law, then `qrobot ctl clear`"),
     FaultCode.LAW_SLOW: (
