@@ -25,12 +25,15 @@ from qrobot.ident.perform import perform
 from qrobot.ident.plan import ExcitationPlan, Swing
 from qrobot.log.header import LOCKSTEP, LogHeader, header_for
 from qrobot.log.record import write_log
+from qrobot.report import QueuedReport
 from qrobot.servo.laws import law_label
 from qrobot.servo.memory.telemetry import Rows
 from qrobot.units import US_PER_MS
 
 if TYPE_CHECKING:
+    from qrobot.log.writer import LogWriter
     from qrobot.rig.experiment import PlantName
+    from qrobot.servo.memory.servo_memory import ServoInfo
 
 
 def record_emulated(
@@ -89,17 +92,19 @@ def _recording(arm: DeployedArm, robot: Robot, output: Path) -> Iterator[None]:
 
     attach_servo_memory(arm.name).close()  # says so when there is none
     paths = log_paths(output, arm.name)
-    follower = ServoFollower(
-        arm.name, lambda servo, pid: LogWriter(next(paths), recorded_header(robot, servo, pid, arm.board.plant)), note
-    )
+
+    def open_log(servo: ServoInfo, pid: int) -> LogWriter:
+        return LogWriter(next(paths), recorded_header(robot, servo, pid, arm.board.plant))
+
     stop = threading.Event()
-    thread = threading.Thread(target=follow, args=(follower, stop), name="recorder")
-    thread.start()
-    try:
-        yield
-    finally:
-        stop.set()
-        thread.join()
+    with QueuedReport(note) as told:
+        thread = threading.Thread(target=follow, args=(ServoFollower(arm.name, open_log, told), stop), name="recorder")
+        thread.start()
+        try:
+            yield
+        finally:
+            stop.set()
+            thread.join()
 
 
 @contextmanager

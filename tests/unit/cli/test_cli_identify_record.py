@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import errno
+import os
+import threading
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,15 +14,19 @@ import pytest
 from qrobot.cli.arms import choose_arm
 from qrobot.cli.identify_fit import IdentificationTask
 from qrobot.cli.identify_options import FitOptions
-from qrobot.cli.identify_record import read_rows, record_emulated, says_where_it_broke_off
+from qrobot.cli.identify_record import _recording, read_rows, record_emulated, says_where_it_broke_off
 from qrobot.config import load_robot
 from qrobot.errors import ConfigError, IdentificationError, LogError, ServoFault
 from qrobot.faultcodes import FaultCode
 from qrobot.ident.plan import ExcitationPlan, Swing
+from qrobot.log.follow import LOOK_NS, ServoFollower
 from qrobot.log.header import LogHeader, header_for
 from qrobot.log.read import read_log
 from qrobot.log.record import write_log
-from qrobot.servo.memory.telemetry import TelemetryLayout
+from qrobot.servo.memory.servo_memory import create_servo_memory, servo_info
+from qrobot.servo.memory.telemetry import TelemetryLayout, append_row
+from tests.support.patience import PATIENCE_S
+from tests.support.processes import write_deployment
 
 PUMA = load_robot("puma560")
 HEADER = header_for(PUMA, 1_000_000, "qrobot")
@@ -56,6 +63,40 @@ def test_nothing_is_said_where_no_move_had_begun(capsys: pytest.CaptureFixture[s
     with pytest.raises(ServoFault), says_where_it_broke_off(lambda _number, _move: None):
         raise ServoFault(FaultCode.FOLLOWING, "before the first")
     assert capsys.readouterr().err == ""
+
+
+def test_a_full_disk_behind_the_lines_of_the_recorder_ends_no_recording(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    name, written = f"recorded{os.getpid()}", threading.Event()
+    deployment = write_deployment(tmp_path, name=name)
+    layout = TelemetryLayout(PUMA.n)
+
+    def note(_line: str) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    def pretend(follower: ServoFollower, stop: threading.Event) -> None:
+        """The recorder beside a servo, on a clock moved by hand."""
+        try:
+            follower.step(LOOK_NS)
+            follower.step(2 * LOOK_NS)
+            written.set()
+            assert stop.wait(PATIENCE_S)
+        finally:
+            written.set()
+            follower.close()
+
+    monkeypatch.setattr("qrobot.cli.identify_record.note", note)
+    monkeypatch.setattr("qrobot.cli.log.recorded_header", lambda *_: HEADER)
+    monkeypatch.setattr("qrobot.log.follow.follow", pretend)
+    with create_servo_memory(name, PUMA.name, "qrobot", PUMA.n, HEADER.period_ns, 256) as memory:
+        memory.front.info.ready = 1
+        base = servo_info(memory.words).telemetry_base
+        with _recording(choose_arm(str(deployment), None), PUMA, tmp_path / "run.mcap"):
+            for row in layout.empty(100).view(np.int64).reshape(100, layout.row_words):
+                append_row(memory.words, base, 256, layout.row_words, row)
+            assert written.wait(PATIENCE_S)
+    assert read_log(tmp_path / "run.mcap").rows.size == 100
 
 
 SHORTER = replace(HEADER, robot_digest="0123456789abcdef")
