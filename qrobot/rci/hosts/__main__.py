@@ -7,11 +7,14 @@ from __future__ import annotations
 
 import os
 import sys
+from contextlib import suppress
+from functools import partial
 from pathlib import Path
 
 from qrobot.errors import QRobotError
 from qrobot.rci.hosts.host_server import HostServer
 from qrobot.rci.hosts.settings import load_host_settings
+from qrobot.report import QueuedReport
 
 
 def main(arguments: list[str]) -> int:
@@ -20,7 +23,8 @@ def main(arguments: list[str]) -> int:
         print("usage: python -m qrobot.rci.hosts FILE.toml", file=sys.stderr)
         return 2
     try:
-        HostServer(load_host_settings(Path(arguments[0]))).run()
+        with QueuedReport(partial(print, flush=True)) as told:
+            HostServer(load_host_settings(Path(arguments[0])), told).run()
     except QRobotError as error:
         print(f"error: {error}", file=sys.stderr)
         return 1
@@ -32,6 +36,7 @@ def main(arguments: list[str]) -> int:
 if __name__ == "__main__":
     status = main(sys.argv[1:])
     if status == 0:
-        sys.stdout.flush()
+        with suppress(OSError):  # a full disk behind it
+            sys.stdout.flush()
         os.execv(sys.executable, [sys.executable, "-m", "qrobot.rci.hosts", *sys.argv[1:]])
     os._exit(status)  # the thread of a task that never comes back would keep us

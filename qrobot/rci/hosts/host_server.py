@@ -34,16 +34,20 @@ from qrobot.rci.hosts.session import answer_questions, listening, open_session
 from qrobot.rci.hosts.settings import HostSettings
 from qrobot.realtime.bridge_token import offered_token
 from qrobot.realtime.setup import lock_memory, tighten_timers
+from qrobot.report import Report
 
 SILENCE_S: Final = 1.0  # [A] after which a program is given up
 _LOOK_S: Final = 0.005
 
 
 class HostServer:
-    """Answers what programs ask, from threads of the session; `run` looks after the tasks meanwhile."""
+    """Answers what programs ask, from threads of the session; `run` looks after the tasks meanwhile.
 
-    def __init__(self, settings: HostSettings) -> None:
-        self._settings = settings
+    `report` must neither wait nor raise.
+    """
+
+    def __init__(self, settings: HostSettings, report: Report) -> None:
+        self._settings, self._report = settings, report
         self._program: HostedProgram | None = None
         self._token = b""
         self._heard = 0.0
@@ -81,7 +85,7 @@ class HostServer:
             session.close()  # type: ignore[no-untyped-call]
 
     def _say(self, what: str) -> None:
-        print(f"processor {self._settings.name}: {what}", flush=True)
+        self._report(f"processor {self._settings.name}: {what}")
 
     def _look_after(self) -> None:
         while not self._over.wait(_LOOK_S):

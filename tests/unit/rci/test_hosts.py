@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+import errno
 import json
+import os
+import sys
+import threading
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,8 +18,10 @@ from hypothesis import strategies as st
 from qrobot import rci
 from qrobot.errors import ConfigError, RemoteProtocolError, RogueTask, ServoFault
 from qrobot.rci.descriptor import TaskDescriptor, local_area
-from qrobot.rci.hosts import packets
+from qrobot.rci.hosts import host_server, packets
+from qrobot.rci.hosts.__main__ import main
 from qrobot.rci.hosts.functions import function_named, name_of
+from qrobot.rci.hosts.host_server import HostServer
 from qrobot.rci.hosts.mail import Letterbox, collected
 from qrobot.rci.hosts.session import connecting, listening
 from qrobot.rci.hosts.settings import HOSTS_VARIABLE, find_host, load_host_settings
@@ -22,6 +29,7 @@ from qrobot.rci.task_runner import nothing
 from qrobot.rci.task_table import TaskTable
 from qrobot.wire import RobotState
 from tests.support import rci_on_host
+from tests.support.patience import PATIENCE_S
 from tests.support.rci_tasks import pass_ticks, virtual_program
 
 TOKEN = "0123456789abcdef" * 2
@@ -95,6 +103,36 @@ def test_hosts_are_known_from_the_file_that_is_named(tmp_path: Path, monkeypatch
     path.write_text(2 * '[[host]]\nname = "lab2"\nendpoint = "tcp/127.0.0.1:7447"\n')
     with pytest.raises(ConfigError, match="two hosts of one name"):
         find_host("lab2")
+
+
+@pytest.mark.parametrize("full", [True, False])
+def test_the_robots_of_a_silent_program_are_stopped_also_while_nobody_can_be_told(
+    full: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its output is a file on a full disk, or a terminal that is held."""
+    done: list[str] = []
+    let_go = threading.Event()
+
+    def write(_text: str) -> None:
+        if full:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        assert let_go.wait(PATIENCE_S)
+
+    def run(server: HostServer) -> None:
+        server._program = SimpleNamespace(  # type: ignore[assignment]
+            name="planner", look_after=lambda: None, farewell=lambda: done.append("farewell")
+        )
+        server._look_after()
+
+    monkeypatch.setattr(HostServer, "run", run)
+    monkeypatch.setattr(host_server, "time", SimpleNamespace(monotonic=lambda: 2.0 * host_server.SILENCE_S))
+    monkeypatch.setattr(sys, "stdout", SimpleNamespace(write=write, flush=lambda: None))
+    assert main([str(written(tmp_path, PLAIN + 'endpoint = "tcp/127.0.0.1:7447"\n'))]) == 0
+    let_go.set()
+    for thread in threading.enumerate():
+        if thread.name == "report":
+            thread.join()  # it prints to an output that goes with this test
+    assert done == ["farewell"]
 
 
 # --- packets ---------------------------------------------------------------------------------------------------------
