@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from html import escape
@@ -15,6 +16,7 @@ from qrobot.cli.arms import DEFAULT_DEPLOYMENT, choose_arm, robot_of_arm, tool_o
 from qrobot.cli.console import note, out
 from qrobot.cli.option_types import OutputFile, Range
 from qrobot.config.deployment import DeployedArm, deployment_path, load_deployment
+from qrobot.report import QueuedReport, ReportHandler
 
 if TYPE_CHECKING:
     from qrobot.pendant.floor import DriveFloor
@@ -85,11 +87,12 @@ def pendant(
     def began() -> None:
         out.print(address, soft_wrap=True)
         shown = f"It replays {log}" if log else f"Arms: {', '.join(each.name for each in arms)}"
-        note(f"open it in a browser; Ctrl-C ends. {shown}")
+        told(f"open it in a browser; Ctrl-C ends. {shown}")
         if show:
             webbrowser.open(entry.as_uri())
 
-    with entry_file(address) as entry:
+    with QueuedReport(note) as told, entry_file(address) as entry:
+        logging.basicConfig(format="%(message)s", handlers=[ReportHandler(told)])  # STOP waits for no terminal
         serve(make_app(floor, token, shelf), listener, began)
 
 

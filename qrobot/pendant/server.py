@@ -76,8 +76,8 @@ def address_of(listener: socket.socket, token: str) -> str:
 def serve(app: Gate, listener: socket.socket, began: Callable[[], None]) -> None:
     """Serve until Ctrl-C; `began` is called when pages are answered."""
     config = uvicorn.Config(
-        app, log_level="error", access_log=False, ws="websockets-sansio", ws_max_size=1 << 16, ws_ping_interval=5.0,
-        ws_ping_timeout=5.0, timeout_graceful_shutdown=1, lifespan="on",
+        app, log_config=None, log_level="error", access_log=False, ws="websockets-sansio", ws_max_size=1 << 16,
+        ws_ping_interval=5.0, ws_ping_timeout=5.0, timeout_graceful_shutdown=1, lifespan="on",
     )  # fmt: skip
     logging.getLogger("uvicorn.error").addFilter(tell_in_one_line)
     server = _Server(config, began)

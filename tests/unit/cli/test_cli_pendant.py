@@ -1,0 +1,56 @@
+"""`qrobot pendant`: what it does beside its pages, with a server that only pretends."""
+
+from __future__ import annotations
+
+import logging
+import socket
+import threading
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from qrobot.cli.console import run_app
+from qrobot.cli.main import make_app
+from qrobot.pendant import server
+from tests.support.patience import PATIENCE_S, wait_until
+from tests.support.processes import write_deployment
+
+
+def test_what_goes_wrong_is_told_without_waiting_for_a_terminal(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """STOP of its pages rests on the thread in which it does."""
+    done: list[str] = []
+    told: list[str] = []
+    let_go = threading.Event()
+
+    def note(line: str) -> None:
+        assert let_go.wait(PATIENCE_S)
+        told.append(line)
+
+    class Pretence:
+        def __init__(self, _config: object, began: Callable[[], None]) -> None:
+            self._began = began
+
+        async def serve(self, sockets: list[socket.socket]) -> None:
+            sockets[0].close()
+            self._began()
+            logging.getLogger("qrobot.pendant.arm_watch").error("the watch failed")
+            try:
+                raise RuntimeError("no room")
+            except RuntimeError:
+                logging.getLogger("uvicorn.error").exception("Exception in ASGI application\n")
+            assert not let_go.is_set()
+            done.append("pages")
+            let_go.set()
+            wait_until(lambda: len(told) == 3, "the lines")
+
+    monkeypatch.setattr(logging.getLogger(), "handlers", [])
+    monkeypatch.setattr("qrobot.cli.pendant.note", note)
+    monkeypatch.setattr(server, "_Server", Pretence)
+    deployment = str(write_deployment(tmp_path))
+    taught = str(tmp_path / "t.db")
+    assert run_app(make_app("pendant"), ["pendant", "--deployment", deployment, "--port", "0", "--taught", taught]) == 0
+    assert done == ["pages"]
+    assert told[1:] == ["the watch failed", "pendant: RuntimeError: no room"]
