@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -85,6 +86,7 @@ def board(
         )
     from qrobot.hwif.bus import MemoryEndpoint
     from qrobot.hwif.transports import check_servers, modules_beside, servers
+    from qrobot.servo.memory.servo_memory import arm_is_driven
     from qrobot.sim_board.deployed import emulator_of_arm
     from qrobot.sim_board.faults import FaultPlan
     from qrobot.sim_board.server import serve as serve_emulator
@@ -109,6 +111,7 @@ def board(
             chosen.board.slips,
             [arm.name for arm in choose_arms(deployment, None) if arm.board.slips and arm.name != chosen.name],
             lambda line: told(f"{chosen.name}: {line}"),
+            partial(arm_is_driven, chosen.name),
         )
 
 
@@ -125,15 +128,17 @@ def run_gateway(arm: DeployedArm, record: Path | None = None) -> None:
     from qrobot.hwif.recorder import BusRecorder
     from qrobot.hwif.transports import open_transport
     from qrobot.realtime.startup_order import await_turn
+    from qrobot.servo.memory.servo_memory import arm_is_driven
 
     await_turn()
+    needed = partial(arm_is_driven, arm.name)
     with QueuedReport(lambda line: note(f"{arm.name}: {line}")) as report:
         bus, period_ns, module_losses = open_transport(arm.board, report)
         held = sum(1 << each.bit for each in arm.board.outputs if each.on_stop == "hold")
         if record is None:
-            serve(arm.name, bus, period_ns, report, module_losses, held)
+            serve(arm.name, bus, period_ns, report, module_losses, held, needed)
             return
         with BusRecorder(bus, record) as recorder:
-            serve(arm.name, recorder, period_ns, report, module_losses, held)
+            serve(arm.name, recorder, period_ns, report, module_losses, held, needed)
         if recorder.problem:
             report(f"{record} is not complete: {recorder.problem}")

@@ -46,6 +46,8 @@ def guardian(deployment: str = DEFAULT_DEPLOYMENT, *, arm: str | None = None, li
 
         for number in (signal.SIGTERM, signal.SIGINT):
             signal.signal(number, end)
+        if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:  # nohup has ignored it
+            signal.signal(signal.SIGHUP, lambda *_: watcher.hang_up())
         insist_on(prepare(), chosen.servo.require_realtime, lambda line: told(f"guardian of {arm_name}: {line}"))
         told(f"guardian of {arm_name} acts {timeout_ms:g} ms after the servo's last heartbeat")
         watcher.run(linger)

@@ -207,11 +207,14 @@ def serve(
     report: Report,
     module_losses: Callable[[], int] = lambda: 0,
     held_lines: int = 0,
+    needed: Callable[[], bool] | None = None,
 ) -> None:
     """Be the board process of `arm` until SIGTERM or SIGINT, then leave the board safe. From the main thread.
+
+    So it does when its terminal is closed, as soon as it is not `needed` any more.
 
     Raises:
         LinkBusy: a board already serves that arm.
     """
-    with set_on_signals() as stop, create_board_memory(arm) as memory:
+    with set_on_signals(needed) as stop, create_board_memory(arm) as memory:
         run_gateway(Gateway(bus, memory.memory, period_ns, report, module_losses, held_lines), period_ns, stop)

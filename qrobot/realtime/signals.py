@@ -25,6 +25,7 @@ class SignalEvent(threading.Event):
     def __init__(self) -> None:
         super().__init__()
         self._happened = False
+        self._needed: Callable[[], bool] | None = None
         self._reads, self._writes = os.pipe2(os.O_NONBLOCK | os.O_CLOEXEC)
 
     def set(self) -> None:
@@ -33,15 +34,21 @@ class SignalEvent(threading.Event):
         with contextlib.suppress(_FULL):
             os.write(self._writes, b"!")
 
+    def set_unless(self, needed: Callable[[], bool]) -> None:
+        """Let it happen at the first look, the end of a `wait` included, at which `needed` is not true any more."""
+        self._needed = needed
+
     def is_set(self) -> bool:
         """Whether it has happened."""
+        if not self._happened and self._needed is not None and not self._needed():
+            self.set()
         return self._happened
 
     def wait(self, timeout: float | None = None) -> bool:
         """Wait until it happens, for `timeout` seconds at most; whether it has happened."""
         if not self._happened:
             select.select([self._reads], [], [], timeout)
-        return self._happened
+        return self.is_set()
 
     def close(self) -> None:
         """Release both ends; call it when nothing waits any more and no handler sets it."""
@@ -50,14 +57,26 @@ class SignalEvent(threading.Event):
 
 
 @contextlib.contextmanager
-def set_on_signals() -> Iterator[threading.Event]:
-    """An event that SIGTERM and SIGINT set; outside the block they do what they did before. For the main thread."""
+def set_on_signals(needed: Callable[[], bool] | None = None) -> Iterator[threading.Event]:
+    """An event that SIGTERM, SIGINT, and SIGHUP of a closed terminal set; outside the block they do what they did.
+
+    While this process is `needed`, SIGHUP waits, and counts at the first look later; then waits need a limit. For the
+    main thread.
+    """
     done = SignalEvent()
 
     def end(_number: int, _frame: FrameType | None) -> None:
         done.set()
 
+    def hang_up(_number: int, _frame: FrameType | None) -> None:
+        if needed is None:
+            done.set()
+        else:
+            done.set_unless(needed)
+
     before = {number: signal.signal(number, end) for number in (signal.SIGTERM, signal.SIGINT)}
+    if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:  # nohup has ignored it
+        before[signal.SIGHUP] = signal.signal(signal.SIGHUP, hang_up)
     try:
         yield done
     finally:

@@ -149,6 +149,7 @@ def serve(
     slips: bool = False,
     beside: Sequence[str] = (),
     report: Callable[[str], None] = lambda _line: None,
+    needed: Callable[[], bool] | None = None,
 ) -> None:
     """Serve a board until SIGTERM or SIGINT, then remove its memory. Call from the main thread of a process.
 
@@ -160,6 +161,7 @@ def serve(
         slips: time in which this process was kept from running, and nobody wrote to the board, does not count.
         beside: emulated arms with which it keeps one time then.
         report: takes a line when time has slipped.
+        needed: while it is true, a terminal that is closed does not end it.
 
     Raises:
         LinkBusy: a board already serves that arm.
@@ -167,7 +169,7 @@ def serve(
     warm_up(emulator)  # before its turn, not with it
     await_turn()
     with (
-        set_on_signals() as done,
+        set_on_signals(needed) as done,
         EmulatedBoardServer(arm, emulator, slips, beside) as server,
         server_of(server.segment.memory),
     ):

@@ -306,6 +306,15 @@ def attach_servo_memory(arm: str) -> ServoSegment:
     return ServoSegment.attach(f"{arm}-servo", LAYOUT, start, memory_digest())
 
 
+def arm_is_driven(arm: str) -> bool:
+    """A living servo of `arm` drives it, or has not seen yet that its board has taken torque and power away."""
+    try:
+        with attach_servo_memory(arm) as segment:
+            return segment.owner_alive and bool(segment.front.heartbeat.armed)
+    except LinkError:
+        return False
+
+
 def guardian_place(arm: str) -> str:
     """Name of the segment that the guardian of `arm` owns, so that there is one."""
     return f"{arm}-guardian"

@@ -160,6 +160,7 @@ class Guardian:
         self._report = report
         self.timeout_ns = int(timeout_ms * 1e6)
         self.stop = np.zeros(1, dtype=np.int64)
+        self._hung_up = False
         self._own = np.zeros(N_OWN, dtype=np.int64)
         self._ops = np.zeros((N_SAFE_OPS, OP_FIELDS), dtype=np.int64)
         self._servo = attach_servo_memory(arm)
@@ -178,6 +179,10 @@ class Guardian:
         """True while the guardian holds the board."""
         return bool(self._own[TRIPPED])
 
+    def hang_up(self) -> None:
+        """Let it end as soon as the arm is not driven any more: its terminal was closed, the servo's perhaps too."""
+        self._hung_up = True
+
     def run(self, linger_s: float) -> None:
         """Watch until stopped, or until there has been no servo process for `linger_s` seconds.
 
@@ -188,7 +193,7 @@ class Guardian:
         if self._card[CARD_KIND] == REAL_CARD:
             require_ports(int(self._card[CARD_BASE]))
         alone_since: int | None = None
-        while not self.stop[0]:
+        while not self.stop[0] and not (self._hung_up and (self.tripped or not self._drives())):
             before = self.tripped
             self._watch_for(SLICE_NS, self.stop)
             self._tell(before)
@@ -211,11 +216,14 @@ class Guardian:
 
     def _dispensable(self, beat_ns: int) -> bool:
         """True when nothing is driven any more, or the servo has beaten after `beat_ns`."""
-        mail = self._servo.front
         if self.tripped:
             return pending_operations(self._board.memory, GUARDIAN_LANE) == 0
-        drives = bool(mail.heartbeat.armed) or (not mail.heartbeat.t_ns and bool(self._own[WAS_ARMED]))
-        return not drives or bool(mail.heartbeat.t_ns != beat_ns)
+        return not self._drives() or bool(self._servo.front.heartbeat.t_ns != beat_ns)
+
+    def _drives(self) -> bool:
+        """True while the servo is armed, or the one before it was that has left no other in its place yet."""
+        heartbeat = self._servo.front.heartbeat
+        return bool(heartbeat.armed) or (not heartbeat.t_ns and bool(self._own[WAS_ARMED]))
 
     def _watch_for(self, duration_ns: int, stop: Words) -> None:
         memories = self._servo.front, self._board.memory, self._card

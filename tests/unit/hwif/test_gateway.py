@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
+import os
+import signal
 
 import pytest
 
@@ -11,7 +13,7 @@ from qrobot.config.deployment import BoardChoice
 from qrobot.hwif.board_look import BoardLooker
 from qrobot.hwif.board_memory import LANE_CAPACITY, Lane, fetch_image, local_board_memory
 from qrobot.hwif.bus import BoardFacts
-from qrobot.hwif.gateway import RETRY_NS, Gateway
+from qrobot.hwif.gateway import RETRY_NS, Gateway, serve
 from qrobot.hwif.image import IMAGE_COUNT, IMAGE_ENC_COUNT, IMAGE_T_NS, make_image
 from qrobot.hwif.lanes import pending_operations
 from qrobot.hwif.operations import OP_OUTPUTS, OP_REFERENCE, OP_WRITE
@@ -29,6 +31,7 @@ from qrobot.hwif.registers import (
 from qrobot.hwif.trace import OWN_LANE, load_head, read_trace
 from tests.support.bench import PERIOD_NS, Bench, post
 from tests.support.bus import BenchEndpoint, DirectBus
+from tests.support.signals import default_signals
 
 HELD_LINE = 0x10
 SAFE = [(OP_WRITE, DAC + 2 * channel, DAC_ZERO) for channel in range(N_DACS)]
@@ -206,6 +209,26 @@ def test_what_a_board_may_never_have_got_is_not_traced(desk: Desk) -> None:
     desk.post((OP_WRITE, DAC, 1))
     desk.step()
     assert load_head(desk.memory) == before
+
+
+@pytest.mark.realtime
+def test_a_gateway_whose_terminal_is_closed_goes_on_while_the_arm_is_driven_and_leaves_the_board_safe() -> None:
+    end, exchanges = BenchEndpoint(Bench()), list[int]()
+    bus = DirectBus(end)
+
+    def driven() -> bool:
+        exchanges.append(len(end.lists))
+        return len(exchanges) < 5
+
+    def close_the_terminal(_line: str) -> None:
+        os.kill(os.getpid(), signal.SIGHUP)
+
+    with default_signals(signal.SIGHUP):
+        serve(f"hung{os.getpid()}", bus, PERIOD_NS, close_the_terminal, needed=driven)
+    assert len(exchanges) == 5
+    assert exchanges[0] < exchanges[-1] < len(end.lists)
+    assert end.lists[-1] == [*SAFE, (OP_WRITE, DISCRETE, DISCRETE_HAND_RELAXED)]
+    assert bus.closed == 1
 
 
 def test_the_board_is_left_safe(desk: Desk) -> None:

@@ -9,6 +9,7 @@ import sys
 
 from qrobot.realtime.signals import SignalEvent, set_on_signals
 from tests.support.patience import PATIENCE_S
+from tests.support.signals import default_signals
 
 STORM = """
 import os, signal, threading
@@ -44,6 +45,36 @@ def test_either_signal_ends_a_wait_without_a_limit_and_then_does_what_it_did_bef
             assert done.wait()
             assert done.is_set()
     assert signal.getsignal(signal.SIGTERM) is before
+
+
+def test_a_terminal_that_is_closed_ends_a_wait_once_the_process_is_not_needed_any_more() -> None:
+    with default_signals(signal.SIGHUP):
+        with set_on_signals() as done:
+            os.kill(os.getpid(), signal.SIGHUP)
+            assert done.wait()
+        needed = [True]
+        with set_on_signals(lambda: needed[0]) as done:
+            assert not done.is_set()
+            needed[0] = False
+            assert not done.is_set()
+            needed[0] = True
+            os.kill(os.getpid(), signal.SIGHUP)
+            assert not done.wait(0.0)
+            assert not done.is_set()
+            needed[0] = False
+            assert done.wait(0.0)
+            needed[0] = True
+            assert done.is_set()
+            assert done.wait()
+        assert signal.getsignal(signal.SIGHUP) is signal.SIG_DFL
+
+
+def test_a_process_under_nohup_stays_when_its_terminal_is_closed() -> None:
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    with set_on_signals() as done:
+        os.kill(os.getpid(), signal.SIGHUP)
+        assert not done.is_set()
+    signal.signal(signal.SIGHUP, before)
 
 
 def test_it_may_be_set_more_often_than_anybody_looks() -> None:

@@ -30,7 +30,7 @@ from qrobot.hwif.registers import (
 )
 from qrobot.modecodes import Mode
 from qrobot.realtime.structure import view_words
-from qrobot.servo.memory.servo_memory import create_servo_memory, servo_front
+from qrobot.servo.memory.servo_memory import arm_is_driven, create_servo_memory, servo_front
 from qrobot.servo.process import guardian as guardian_module
 from qrobot.servo.process.guardian import (
     LOOKS_PER_TIMEOUT,
@@ -48,6 +48,7 @@ from tests.support.servo_bench import ServoBench, moving, writes_at
 
 TIMEOUT_NS = 5_000_000
 FAR_NS = 3600_000_000_000
+BEATS = 50
 OPERATIONS = np.zeros((LANE_CAPACITY, OP_FIELDS), dtype=np.int64)
 LANES = np.zeros(len(OPERATIONS), np.int64)
 NO_CARD_WORDS = make_card(NO_CARD)
@@ -287,6 +288,35 @@ def test_asked_to_end_beside_a_silent_servo_it_makes_the_board_safe_first(beats:
         with beside(board_and_servo):
             guardian.run(5.0)
         guardian.close()
+    assert guardian.trips == trips
+    assert (taken[0] >= 1 + N_DACS) == bool(trips)
+
+
+@pytest.mark.realtime
+@pytest.mark.parametrize(("stops_the_arm", "trips"), [(True, 0), (False, 1)])
+def test_when_its_terminal_is_closed_it_stays_until_the_servo_has_stopped_the_arm(
+    stops_the_arm: bool, trips: int
+) -> None:
+    name, taken, beats = f"hung{os.getpid()}", [0], [0]
+    with create_board_memory(name) as board, create_servo_memory(name, "puma560", "pd", 6, 1_000_000, 16) as servo:
+
+        def board_and_servo() -> None:
+            taken[0] += take_all_operations(board.memory, OPERATIONS, LANES)
+            beats[0] += 1
+            if beats[0] <= BEATS:
+                servo.front.heartbeat.t_ns = monotonic_now()
+                assert arm_is_driven(name)
+            elif stops_the_arm:
+                servo.front.heartbeat.armed = 0
+                assert not arm_is_driven(name)
+
+        servo.front.heartbeat.armed, servo.front.heartbeat.t_ns = 1, monotonic_now()
+        guardian = Guardian(name, 300.0)
+        guardian.hang_up()
+        with beside(board_and_servo):
+            guardian.run(5.0)
+        guardian.close()
+    assert beats[0] > BEATS
     assert guardian.trips == trips
     assert (taken[0] >= 1 + N_DACS) == bool(trips)
 
