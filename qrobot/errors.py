@@ -6,6 +6,7 @@ QRobotError
 ├── LinkError              the other side of a bus or socket
 │   ├── LinkTimeout        it did not answer in time
 │   ├── LinkLost           it was there and went away
+│   ├── LinkMismatch       it is another robot, or runs other code, than this side expects
 │   └── LinkBusy           somebody else holds it (port, board, servo, the commander's lease)
 ├── ProtocolError          a packet or a call breaks the wire protocol
 │   ├── LocalProtocolError     our side misused the connection object
@@ -53,6 +54,10 @@ class LinkTimeout(LinkError):
 
 class LinkLost(LinkError):
     """The far end was there and went away."""
+
+
+class LinkMismatch(LinkError):
+    """The far end is there, and is another robot or runs other code than this side expects."""
 
 
 class LinkBusy(LinkError):

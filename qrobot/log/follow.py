@@ -14,7 +14,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Final
 
-from qrobot.errors import LinkError
+from qrobot.errors import LinkError, LinkMismatch
 from qrobot.log.record import LogRecorder, RowSink
 from qrobot.log.status import LOG_IS_BEHIND, LogStatus
 from qrobot.realtime.shared_memory import SharedMemory
@@ -64,6 +64,7 @@ class ServoFollower:
         self._session: _Session | None = None
         self._look_at_ns = self._report_at_ns = 0
         self._reported = LogStatus()
+        self._mismatch = ""
 
     @property
     def recording(self) -> bool:
@@ -95,8 +96,14 @@ class ServoFollower:
     def _begin(self) -> None:
         try:
             segment = attach_servo_memory(self._arm)
+        except LinkMismatch as error:
+            if str(error) != self._mismatch:
+                self._mismatch = str(error)
+                self._report(f"the servo of {self._arm} is not recorded: {error}")
+            return
         except LinkError:
             return
+        self._mismatch = ""
         info = servo_info(segment.words)
         if not (info.ready and segment.owner_alive):
             segment.close()

@@ -9,7 +9,7 @@ from typing import Any, Final
 
 from qrobot.arrays import Words
 from qrobot.config.collision import threshold_objection
-from qrobot.errors import LinkError
+from qrobot.errors import LinkError, LinkMismatch
 from qrobot.faultcodes import NO_JOINT
 from qrobot.model.payload_judge import PayloadJudge
 from qrobot.rccl_bridge.servo_interface import SetpointFrame
@@ -50,6 +50,8 @@ class MailboxPort:
     Args:
         words: the memory. judge: of payloads; None takes each.
     """
+
+    mismatch = ""
 
     def __init__(self, words: Words, judge: PayloadJudge | None = None) -> None:
         self._judge = judge
@@ -137,6 +139,9 @@ class ServoPort:
         arm: instance name.
         robot_name, n: what the deployment says of it; a servo of another robot counts as gone.
         judge: of payloads; None takes each.
+
+    Attributes:
+        mismatch: why the servo that runs cannot be used; "" for one that can, or that is not there.
     """
 
     def __init__(self, arm: str, robot_name: str, n: int, judge: PayloadJudge | None = None) -> None:
@@ -148,14 +153,17 @@ class ServoPort:
         self._mailbox: ServoMailbox | None = None
         self._generation = self._slipped_ns = 0
         self._was_here = False
+        self.mismatch = ""
         self._power_locked = False  # a servo that has just started is not powered by a request made to the one before
 
     def alive(self) -> bool:
         """The servo runs and its state is fresh."""
         try:
             memory = self._follow().memory
-        except LinkError:
+        except LinkError as error:
+            self.mismatch = str(error) if isinstance(error, LinkMismatch) else ""
             return False
+        self.mismatch = ""
         return bool(memory.info.ready) and shows_life(memory, self._silence_ns(memory))
 
     def slipped_ns(self) -> int:
@@ -258,7 +266,7 @@ class ServoPort:
             info = mailbox.info
             if (info.robot_name, info.n) != (self.robot_name, self.n):
                 self._mailbox = None
-                raise LinkError(f"the servo of {self.arm} drives {info.robot_name!r}, not {self.robot_name!r}")
+                raise LinkMismatch(f"the servo of {self.arm} drives {info.robot_name!r}, not {self.robot_name!r}")
             self._power_locked = self._power_locked or self._was_here
             self._was_here = True
             self._mailbox = mailbox

@@ -194,7 +194,8 @@ class _Client(asyncio.Protocol):
         if self._awaits_the_arm():
             self._timer = asyncio.get_running_loop().call_later(LOOK_S, self._tick)
             return
-        self._carry_out(self.session.tick(self._server.now_ns(), self._server.read_state()))
+        state = self._server.read_state()
+        self._carry_out(self.session.tick(self._server.now_ns(), state, self._server.port.mismatch))
         self._set_timer()
 
     def _set_timer(self) -> None:

@@ -59,6 +59,10 @@ class RobotPort(Protocol):
     def n(self) -> int:
         """Number of joints."""
 
+    @property
+    def mismatch(self) -> str:
+        """Reason for which a servo that runs counts as away, "" for none; as `alive` found last."""
+
     def alive(self) -> bool:
         """The servo runs, drives this robot, and its state is fresh.
 

@@ -120,7 +120,7 @@ class Session:
         self._period_ns = 0
         self._heard_ns = now_ns
         self._blocked_since_ns: int | None = None
-        self._servo_gone = False
+        self._servo_gone = ""  # what was said of a servo that is away
         self._warnings, self._stops = RateLimit(), RateLimit()
         self._judge_payload, self._judge_collision = judge_payload, judge_collision
         self._judge_analog = judge_analog
@@ -147,8 +147,8 @@ class Session:
             actions += self.refuse(ErrorCode.VERSION if foreign else ErrorCode.MALFORMED, str(error), now_ns)
         return actions
 
-    def tick(self, now_ns: int, robot: RobotState | None) -> list[Action]:
-        """Time has come to `now_ns`; `robot` is the newest sample, None while the servo is away."""
+    def tick(self, now_ns: int, robot: RobotState | None, mismatch: str = "") -> list[Action]:
+        """Time has come to `now_ns`; `robot` is the newest sample, None while the servo is away: see `RobotPort`."""
         if self.ended or now_ns < self.due_ns:
             return []
         if self._period_ns == 0:
@@ -157,10 +157,10 @@ class Session:
         self.due_ns = self._origin_ns + number * self._period_ns
         if robot is None:
             self._heard_ns = now_ns  # a commander that answers STATEs has nothing to answer
-            return self._miss_servo(now_ns)
+            return self._miss_servo(now_ns, mismatch)
         if self._frames is not None and now_ns - self._heard_ns > self._settings.silence_ns:
             return self.refuse(ErrorCode.TIMEOUT, "the commander has fallen silent", now_ns)
-        self._servo_gone = False
+        self._servo_gone = ""
         if self._blocked_since_ns is not None:
             return self._leave_out(now_ns, self._blocked_since_ns)
         return self._tell(number, robot)
@@ -319,13 +319,13 @@ class Session:
         )
         return [SendBytes(self._connection.send(state))]
 
-    def _miss_servo(self, now_ns: int) -> list[Action]:
-        if self._servo_gone:
+    def _miss_servo(self, now_ns: int, mismatch: str) -> list[Action]:
+        text = mismatch or f"the servo of {self._robot_name} does not run; this connection waits for it"
+        if self._servo_gone == text:
             return []
-        self._servo_gone = True
-        if self._frames is not None:
+        if self._frames is not None and not self._servo_gone:
             self._frames.lose_servo()
-        text = f"the servo of {self._robot_name} does not run; this connection waits for it"
+        self._servo_gone = text
         return [SendBytes(self._connection.send(WireError(ErrorCode.SERVO_GONE, text, False, now_ns)))]
 
     def _leave_out(self, now_ns: int, since_ns: int) -> list[Action]:

@@ -22,7 +22,7 @@ from typing import Final, Self, TypeVar
 import numpy as np
 
 from qrobot.arrays import Words
-from qrobot.errors import ConfigError, LinkBusy, LinkError
+from qrobot.errors import ConfigError, LinkBusy, LinkError, LinkMismatch
 from qrobot.realtime.deadline import sleep_between_looks
 from qrobot.realtime.runtime_folder import look_into_folder, open_served, runtime_path, tidy_folder
 from qrobot.realtime.structure import WORD_BYTES, dtype_of, record_in, word
@@ -106,7 +106,8 @@ class SharedMemory:
     def attach(cls, name: str, layout: int, start: str = "the process that serves it", digest: int = 0) -> Self:
         """Map an existing segment; `start` tells what to start when there is none.
 
-        Raises LinkError when it is missing, has another layout or other fields, or is another account's.
+        Raises LinkError when it is missing, is another account's, or has another layout or other fields; it is a
+        LinkMismatch when a living owner has given it these.
         """
         path = segment_path(name)
         try:
@@ -128,13 +129,14 @@ class SharedMemory:
 
     def _insist_on_layout(self, layout: int, digest: int) -> None:
         found = int(self.header.layout)
-        if self.header.magic != MAGIC_VALUE or found != layout:
-            raise LinkError(f"shared memory {self.path.name!r} has layout {found}, this version expects {layout}")
-        if self.header.digest != digest:
-            raise LinkError(
-                f"shared memory {self.path.name!r} has layout {layout} with other fields than this version expects: "
-                "its owner runs other code; restart both"
-            )
+        if (self.header.magic, found, self.header.digest) == (MAGIC_VALUE, layout, digest):
+            return
+        other = f"layout {found}, this version expects {layout}"
+        if found == layout:
+            other = f"layout {layout} with other fields than this version expects"
+        if self.header.magic == MAGIC_VALUE and self.owner_alive:
+            raise LinkMismatch(f"shared memory {self.path.name!r} has {other}: its owner runs other code; restart both")
+        raise LinkError(f"shared memory {self.path.name!r} has {other}")
 
     def claim(self) -> None:
         """Be the one that commands the owner, as long as this segment is open. Raises LinkBusy when another one is.

@@ -102,7 +102,7 @@ class Client:
     def wait(self, duration_ns: int):
         self.now_ns += duration_ns
         state = self.port.read_state() if self.port.alive() else None
-        return self.exchange(self.session.tick(self.now_ns, state))
+        return self.exchange(self.session.tick(self.now_ns, state, self.port.mismatch))
 
     def join(self, hello: Hello = COMMANDER):
         (welcome,) = self.say(hello)
@@ -481,6 +481,22 @@ def test_a_commander_that_keeps_sending_is_not_silent(client: Client) -> None:
         (state,) = client.wait(PERIOD_NS)
         client.say(replace(MOVE, seq=state.seq))
     assert client.closed == ""
+
+
+def test_a_servo_that_does_not_fit_is_told_as_such_and_each_reason_once(client: Client) -> None:
+    client.join()
+    client.port.running = False
+    (gone,) = client.wait(PERIOD_NS)
+    assert client.wait(PERIOD_NS) == []
+    client.port.mismatch = "its owner runs other code; restart both"
+    (other,) = client.wait(PERIOD_NS)
+    assert client.wait(PERIOD_NS) == []
+    assert (gone.code, gone.text) == (
+        ErrorCode.SERVO_GONE, "the servo of puma560 does not run; this connection waits for it",
+    )  # fmt: skip
+    assert (other.code, other.text, other.fatal) == (ErrorCode.SERVO_GONE, client.port.mismatch, False)
+    client.port.running, client.port.mismatch = True, ""
+    assert isinstance(client.wait(PERIOD_NS)[0], State)
 
 
 def test_an_observer_may_be_silent_for_ever(client: Client) -> None:

@@ -19,6 +19,7 @@ class FakePort:
         self.frames: list[SetpointFrame] = []
         self.requests: list[SetpointFrame] = []
         self.stops = self.power_offs = 0
+        self.mismatch = ""
         self.names: tuple[str, ...] = ()
         self.running = True
         self.collision_told = False

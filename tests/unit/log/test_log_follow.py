@@ -89,6 +89,18 @@ def test_it_waits_for_a_servo_and_records_it_from_its_first_cycle(bench: Bench) 
     servo.end()
 
 
+def test_a_servo_that_runs_other_code_is_told_of_once(bench: Bench) -> None:
+    servo = FakeServo(bench.arm)
+    servo.segment.header.digest += 1
+    bench.step()
+    bench.step()
+    assert not bench.follower.recording
+    (line,) = bench.lines
+    assert line.startswith(f"the servo of {bench.arm} is not recorded")
+    assert line.endswith("its owner runs other code; restart both")
+    servo.end()
+
+
 def test_a_servo_that_is_still_starting_is_waited_for(bench: Bench) -> None:
     servo = FakeServo(bench.arm)
     servo.segment.front.info.ready = 0

@@ -93,3 +93,18 @@ def test_nor_is_a_slow_one_gone_between_two_of_its_cycles(
     front.info.period_ns, front.guardian.takeover = period_ns, 1
     front.heartbeat.t_ns = NS_PER_S - int(age_periods * period_ns)
     assert port.alive() is alive
+
+
+def test_a_servo_of_another_robot_or_of_other_code_counts_as_away_and_is_named(port: ServoPort) -> None:
+    with create_servo_memory(port.arm, "stanford", "pd", port.n, 1_000_000, 16) as servo:
+        assert not port.alive()
+        assert port.mismatch == f"the servo of {port.arm} drives 'stanford', not 'puma560'"
+        servo.header.digest += 1
+        again = ServoPort(port.arm, "puma560", port.n)
+        assert not again.alive()
+        assert again.mismatch.endswith(
+            "with other fields than this version expects: its owner runs other code; restart both"
+        )
+    for each in (port, again):  # its owner is gone
+        assert not each.alive()
+        assert each.mismatch == ""
