@@ -147,7 +147,11 @@ class ArclRobot(PathCalls, LineCalls):
             self._motions.judge(Motion(pos, options))
 
     def stop(self, *attributes: Any) -> None:
-        """Drop all motions and come to rest, in at least Tseg: 300 ms, or what MOV_TIME says."""
+        """Drop all motions and come to rest on the path, in at least Tseg: 300 ms, or what MOV_TIME says.
+
+        The arm stops as soon as its joints can where they cannot follow a straight line so, and on the way to a frame
+        that moves.
+        """
         options = self._options.changed_by("stop", attributes)
         ms = options.tseg_ms or STOP_MS
         with self._lock():

@@ -13,7 +13,8 @@ setpoints, whose goals may move, are checked one by one before they go out, and 
 fails.
 
 Stops: `skip` ends the present request and goes on to the next, `stop` drops all requests and comes to rest, on the path
-where it can (path stop), `abort` brings the joints to rest wherever they can (joint stop). The table is in phase.py.
+where it can (path stop), `abort` brings the joints to rest wherever they can (joint stop), as soon as they can. The
+table is in phase.py.
 """
 
 from __future__ import annotations
@@ -197,9 +198,10 @@ class Generator:
         self._sequencer.skip(code)
 
     def stop(self, seconds: float = 0.0) -> None:
-        """Drop all waiting requests and come to an absolute rest, in at least `seconds`.
+        """Drop all waiting requests and come to an absolute rest.
 
-        On a joint path the arm stays on it; else it stops where its joints can.
+        It stays on its path, and takes at least `seconds`. Where the joints cannot follow a Cartesian path so, and on
+        the way to a goal that moves, it stops as soon as its joints can, beside the path.
         """
         self._sequencer.stop(seconds)
 

@@ -213,7 +213,7 @@ def stop(manip: Manip, position: Position | None = None, ms: float = 0.0) -> Non
 
 
 def cancel(manip: Manip, ms: float = 0.0) -> None:
-    """Forget all motions and come to rest, in at least `ms`; ours, not historical."""
+    """Forget all motions and come to rest, in at least `ms` where `Channel.stop` does; ours, not historical."""
     (ms,) = numbers("cancel", ms)
     _manip("cancel", manip).cancel(ms)
 

@@ -303,7 +303,8 @@ class Channel(MotionParameters, HandAndOutputs):
     def stop(self, ms: float = 0.0) -> None:
         """Forget all motions and come to rest, in at least `ms`; `completed` when the arm stands.
 
-        On a joint path it stays on it. The rest is absolute, also while a moving frame is followed.
+        The arm stays on its path. It stops as soon as its joints can, whatever `ms` is, where they cannot follow a
+        straight line so, and on the way to a frame that moves; the rest is absolute also while one is followed.
         """
         (ms,) = numbers("stop", ms)
         if ms < 0.0:

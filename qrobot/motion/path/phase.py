@@ -6,7 +6,8 @@ Rules:
 * when nothing follows, a segment ends in the transition to rest at its goal, and then in rest;
 * a path stop slows path time down: a segment may begin its transition to rest meanwhile;
 * a joint stop leaves the path; it may also begin at rest, when the goal that is followed moves too fast;
-* a stop is never left but into rest: no segment begins during one, and no other stop.
+* a stop is never left but into rest: no segment begins during one, and no other stop, except that a path stop on a
+  Cartesian path goes over into a joint stop when the path turns out not to be for the arm, or is aborted.
 """
 
 from __future__ import annotations
@@ -65,9 +66,11 @@ TRANSITIONS: Final[dict[Phase, dict[PhaseStep, Phase]]] = {
     },
     Phase.PATH_STOP: {
         PhaseStep.END: Phase.PATH_STOP_ENDING,
+        PhaseStep.JOINT_STOP: Phase.JOINT_STOP,
         PhaseStep.REST: Phase.RESTING,
     },
     Phase.PATH_STOP_ENDING: {
+        PhaseStep.JOINT_STOP: Phase.JOINT_STOP,
         PhaseStep.REST: Phase.RESTING,
     },
     Phase.JOINT_STOP: {

@@ -37,6 +37,11 @@ class SetpointHistory:
         """The newest setpoint. Shape (n,)."""
         return self._points[-1][1]
 
+    @property
+    def points(self) -> History:
+        """All of them."""
+        return list(self._points)
+
     def with_now(self, tick: int, q: Floats) -> list[tuple[float, Floats]]:
         """The samples, as if `q` were that of `tick` already."""
         earlier: list[tuple[float, Floats]] = [point for point in self._points if point[0] < tick]
@@ -44,7 +49,7 @@ class SetpointHistory:
 
     def state(self, period_s: float) -> Floats:
         """Position, velocity and acceleration at the newest sample. Shape (3, n)."""
-        return motion_of(list(self._points), period_s)
+        return motion_of(self.points, period_s)
 
 
 def true_joints(q: Floats, standing: Floats | None) -> Floats:

@@ -4,7 +4,8 @@ A request is judged as a motion from rest to rest on its straight line. A transi
 at before it is entered; where it would come too near a fence it is not made, and the arm comes to rest at the via point
 first. A motion that begins elsewhere than was thought when it was asked for is looked at before the arm leaves its
 rest. Of what nobody can know beforehand, a goal that moves or complies, each setpoint is looked at, and where a stop of
-the joints that began with it would end.
+the joints that began with it would end. A stop that is asked for on a Cartesian path stays on it, as a rule, when a
+stop of the joints would end too near a fence.
 """
 
 from __future__ import annotations
@@ -17,12 +18,13 @@ import numpy as np
 
 from qrobot.arrays import Floats
 from qrobot.fences.fence_set import RESOLUTION_M, FenceSet
-from qrobot.motion.path.blend import PEAK, Blend
+from qrobot.motion.path.blend import Blend
 from qrobot.motion.path.coordinates import JOINTS, Coordinates
 from qrobot.motion.path.path_piece import BlendSettings, PathPiece
 from qrobot.motion.path.segment import Segment
 from qrobot.motion.path.setpoint_history import History, motion_of
 from qrobot.motion.planning.geometric_path import PROBES, GeometricPath
+from qrobot.motion.planning.joint_stop import joint_stop_s
 from qrobot.motion.world.limits import MotionLimits
 
 STOP_PROBES: Final = np.linspace(0.0, 1.0, 4)  # [A] of the way of a stop
@@ -77,8 +79,9 @@ class FenceCheck:
 
     def judge_stop(self, points: History, period_s: float, limits: MotionLimits, blend: Blend) -> None:
         """Raise FenceCrossed when a stop of the joints from the newest of some setpoints would end too near a fence."""
-        q, v, _ = motion_of(points, period_s)
-        seconds = PEAK[blend] * float((np.abs(v) / limits.a_stop).max())
+        state = motion_of(points, period_s)
+        q, v = state[:2]
+        seconds, _ = joint_stop_s(state, limits, blend)
         for share in STOP_PROBES:
             there = q + v * (share * (0.5 * seconds + period_s))
             self.fences.check(there, self._kept(q), WHAT, 1.0)

@@ -7,22 +7,31 @@ time advances by
 
 A slope p that the rate has at its begin fades out in F samples: r is larger by p F g(t/F), g = h - 2 h^2 + h^3. F is so
 short that r stays from 0 to 1; g is never more than PEAK_G, at h = 1/3.
+
+On a Cartesian path that stands still the joints of the way to rest are solved for, and differences tell whether they
+keep their limits. Where no stop that was tried does, the joints have to leave the path.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
 
+from qrobot.arrays import Floats
+from qrobot.errors import MotionError
 from qrobot.motion.path.blend import PEAK, Blend, beta
 from qrobot.motion.path.path import Path
+from qrobot.motion.planning.joint_stop import all_can_stop
 from qrobot.motion.planning.timing import Scheduler
 
 _PROBES: Final = np.linspace(0.0, 1.0, 33)
 _LONGER: Final = 1.15
 _LONGEST_S: Final = 10.0
+_TRIES: Final = 4  # [A] of stops on a Cartesian path, each longer than the one before by a third
+_LONGER_LINE: Final = 4.0 / 3.0
 _PEAK_G: Final = 4.0 / 27.0
 _HALF: Final = 0.5  # of the stop, at most, for the slope to fade: half of the rate is left there
 
@@ -88,6 +97,43 @@ def plan_path_stop(
     while not _fits(path_stop, path, scheduler) and path_stop.length * period_s < _LONGEST_S:
         path_stop = replace(path_stop, length=_LONGER * path_stop.length)
     return path_stop
+
+
+def plan_cartesian_stop(
+    path: Path, clock: float, least_s: float, near: Floats, scheduler: Scheduler, rate: float, slope: float
+) -> PathStop | None:
+    """The first of some stops, of at least `least_s`, that keeps the limits on the Cartesian path ahead; None: no one.
+
+    As `plan_path_stop`, with the joints at `near` (n,) now.
+    """
+    path_stop = PathStop(clock, max(1.0, least_s / scheduler.period_s), scheduler.blend, rate, slope)
+    for _ in range(_TRIES):
+        if _joints_keep_limits(path_stop, path, near, scheduler):
+            return path_stop
+        path_stop = replace(path_stop, length=_LONGER_LINE * path_stop.length)
+    return None
+
+
+def joints_ahead(path_stop: PathStop, path: Path, near: Floats, begin: float = 0.0) -> Iterator[Floats]:
+    """Joint positions (n,) from `begin` samples after a stop began, at `near`, to its end, evenly over time.
+
+    Raises Unreachable, JointLimit or Singular.
+    """
+    moments = (path_stop.at(begin + probe * (path_stop.length - begin)) for probe in _PROBES)
+    for state in path.states_ahead(moments):
+        near = path.coordinates.solve_at(state[0], near)
+        yield near
+
+
+def _joints_keep_limits(path_stop: PathStop, path: Path, near: Floats, scheduler: Scheduler) -> bool:
+    try:
+        joints = np.array(list(joints_ahead(path_stop, path, near)))
+    except MotionError:  # the path itself leads where the arm cannot go
+        return False
+    step_s = path_stop.length * scheduler.period_s / (_PROBES.size - 1)
+    v = np.array(np.gradient(joints, step_s, axis=0, edge_order=2))
+    a = np.diff(joints, 2, axis=0)[[0, *range(_PROBES.size - 2), -1]] / step_s**2
+    return all_can_stop(v, a, scheduler.limits)
 
 
 def _fits(path_stop: PathStop, path: Path, scheduler: Scheduler) -> bool:

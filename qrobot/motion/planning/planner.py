@@ -11,7 +11,7 @@ from typing import Final
 import numpy as np
 
 from qrobot.arrays import Floats
-from qrobot.errors import MotionError
+from qrobot.errors import FenceCrossed, MotionError
 from qrobot.motion.path.coordinates import JOINTS, measured
 from qrobot.motion.path.path_piece import BlendSettings, PathPiece, piece_from_state, piece_joining_line
 from qrobot.motion.path.segment import Schedule, Segment
@@ -190,6 +190,16 @@ class Planner:
             self._settings.period_s,
         )  # fmt: skip
         self._fences.check_entry(segment, piece, self._settings, near, what)
+
+    def joint_stop_is_clear(self, points: History) -> bool:
+        """True when a stop of the joints from the newest of some setpoints keeps off the fences."""
+        if self._fences is None:
+            return True
+        try:
+            self._fences.judge_stop(points, self._settings.period_s, self._limits, self._settings.blend)
+        except FenceCrossed:
+            return False
+        return True
 
     def ahead(self, request: MoveRequest, points: History) -> Floats:
         """Joints half a transition later, at their present speed: the via point of a replanned path.

@@ -97,6 +97,8 @@ class Sequencer:
     def abort(self, code: int, why: str) -> None:
         """See `Generator.abort`."""
         if self.stopping:
+            if not self._trajectory.on_joint_path:  # a stop on it may take long, and the path not be for the arm
+                self._trajectory.begin_joint_stop(self._limits)
             return
         if self._path.segment is None:
             self.events.lost(self._arrived, code, why)
@@ -337,19 +339,29 @@ class Sequencer:
         self._begin_stop(request, Termination.COMPLETED)
         return True
 
-    def _begin_stop(self, request: MoveRequest | None, code: int, seconds: float = 0.0) -> None:
-        """Come to an absolute rest, which ends `request`: on a joint path, or wherever the joints can."""
-        segment = self._path.segment
-        if not self._trajectory.on_joint_path or segment is None:
-            self._begin_joint_stop(request, code, seconds)
-            return
-        self._cut_short(request, code)
-        self._trajectory.begin_path_stop(segment, seconds, self._planner.scheduler)
+    def _begin_stop(self, request: MoveRequest | None, code: int, seconds: float | None = None) -> None:
+        """Come to an absolute rest, which ends `request`: on the path in at least `seconds`, or where the joints can.
 
-    def _begin_joint_stop(self, request: MoveRequest | None, code: int, seconds: float = 0.0, why: str = "") -> None:
+        Without `seconds` a Cartesian path is left, unless the joints would come to rest too near a fence.
+        """
+        self._cut_short(request, code)
+        if not self._begin_path_stop(seconds):
+            self._trajectory.begin_joint_stop(self._limits)
+
+    def _begin_path_stop(self, seconds: float | None) -> bool:
+        """Begin to stop on the path; False where it cannot be, or need not be."""
+        segment, trajectory = self._path.segment, self._trajectory
+        if segment is None or not self._path.coordinates.fixed:
+            return False
+        leaves = seconds is None and not trajectory.on_joint_path
+        if leaves and self._planner.joint_stop_is_clear(trajectory.given_points()):
+            return False
+        return trajectory.begin_path_stop(segment, seconds or 0.0, self._planner.scheduler)
+
+    def _begin_joint_stop(self, request: MoveRequest | None, code: int, why: str = "") -> None:
         """Bring the joints to rest from the newest setpoint, whatever the path was, which ends `request`."""
         self._cut_short(request, code, why)
-        self._trajectory.begin_joint_stop(seconds, self._limits)
+        self._trajectory.begin_joint_stop(self._limits)
 
     def _cut_short(self, request: MoveRequest | None, code: int, why: str = "") -> None:
         """An absolute stop begins which ends `request`: tell so, unless the stop is what it asked for."""
@@ -364,7 +376,7 @@ class Sequencer:
         stop = self._stop
         if stop is None or not self._trajectory.stopped:
             return False
-        self._trajectory.hold(self._path.state(self._trajectory.clock)[0])
+        self._trajectory.rest_here()
         self._stop = None
         if stop.request is not None:
             self.events.ended(stop.request, stop.code, stop.why)

@@ -20,7 +20,7 @@ from qrobot.motion.path.phase import Phase
 from qrobot.motion.path.segment import Segment
 from qrobot.motion.path.setpoint_history import DEPTH, History, SetpointHistory, true_joints
 from qrobot.motion.planning.joint_stop import joint_stop_s
-from qrobot.motion.planning.path_stop import PathStop, plan_path_stop
+from qrobot.motion.planning.path_stop import PathStop, joints_ahead, plan_cartesian_stop, plan_path_stop
 from qrobot.motion.planning.planner import SegmentEntry
 from qrobot.motion.planning.timing import Scheduler
 from qrobot.motion.trajectory.planned_path import PathSample
@@ -145,10 +145,9 @@ class TrajectoryState:
     def end_of_stop(self) -> Floats:
         """Joint positions (n,) where the stop that is under way ends."""
         if self._path_stop is None:  # a joint stop is a piece of its own
-            state = self.path.state(self.path.piece.end)
-        else:
-            state = next(self.path.states_ahead(iter([self._path_stop.at(self._path_stop.length)])))
-        q: Floats = state[0]
+            q: Floats = self.path.state(self.path.piece.end)[0]
+            return q
+        *_, q = joints_ahead(self._path_stop, self.path, self.newest, self.tick - self._path_stop_tick)
         return q
 
     def points(self) -> History:
@@ -175,6 +174,10 @@ class TrajectoryState:
 
     def _newest_points(self) -> History:
         return self._actual.with_now(self.tick, true_joints(self.setpoint(), self._standing))
+
+    def given_points(self) -> History:
+        """The newest positions that were given out, of joints that follow no setpoints where they were."""
+        return self._actual.points
 
     def setpoints_with(self, q: Floats) -> History:
         """The newest setpoints, as if `q` (n,) were that of this sample."""
@@ -229,6 +232,12 @@ class TrajectoryState:
         self._path_stop = None
         self._lags.clear()  # what was before rest counts no more
 
+    def rest_here(self) -> None:
+        """Stand where a stop that is over has led to. Raises as `setpoint`."""
+        q = self.setpoint()
+        self.path.coordinates = JOINTS
+        self.hold(q)
+
     def stand_still(self, tick: int) -> None:
         """The arm has stood at the newest setpoint since before sample `tick`, and path time with it."""
         self.override.jump(0.0)
@@ -248,23 +257,37 @@ class TrajectoryState:
         """Turn into the transition to rest; late, when a request that was to follow is gone."""
         self.path.end_segment(segment, max(segment.rest_begin, self._given.clock))
 
-    def begin_path_stop(self, segment: Segment, seconds: float, scheduler: Scheduler) -> None:
-        """Begin to stop in at least `seconds` on the path of `segment`, the present one."""
+    def begin_path_stop(self, segment: Segment, seconds: float, scheduler: Scheduler) -> bool:
+        """Begin to stop in at least `seconds` on the path of `segment`, the present one.
+
+        False on a Cartesian path, which has to stand still, when the joints cannot: they have to leave it.
+        """
         if not self.path.phase.ending and self.clock > segment.rest_begin:
             self.approach_rest(segment)
         rate, slope = self.override.rate, self.override.slope
-        self._path_stop = plan_path_stop(self.path, self.clock, seconds, scheduler, rate, slope)
+        if self.on_joint_path:
+            self._path_stop = plan_path_stop(self.path, self.clock, seconds, scheduler, rate, slope)
+        else:
+            state = self._actual.state(scheduler.period_s)
+            least_s = max(seconds, joint_stop_s(state, scheduler.limits, scheduler.blend)[0])
+            self._path_stop = plan_cartesian_stop(self.path, self.clock, least_s, self.newest, scheduler, rate, slope)
+        if self._path_stop is None:
+            return False
         self._path_stop_tick = self.tick
         self.path.begin_path_stop()
+        return True
 
-    def begin_joint_stop(self, seconds: float, limits: MotionLimits) -> None:
-        """Begin to bring the joints to rest in at least `seconds` from the newest setpoint, whatever the path was."""
+    def begin_joint_stop(self, limits: MotionLimits) -> None:
+        """Begin to bring the joints to rest from the newest setpoint, as soon as they can, whatever the path was.
+
+        Each setpoint was judged by where such a stop would end: a longer one would end beyond that.
+        """
         period_s = self._settings.period_s
         given = self._given
         on_path = self.path.state(given.clock, given.rate, given.slope) if self.on_joint_path else None
         state = self._actual.state(period_s) if on_path is None else on_path
-        shortest_s, fading_s = joint_stop_s(state, limits, self._settings.blend)
-        length_s = max(seconds, shortest_s)
+        length_s, fading_s = joint_stop_s(state, limits, self._settings.blend)
+        self._path_stop = None
         self._setpoints = self._actual.copy()
         self.path.begin_joint_stop(state, given.clock, length_s / period_s, fading_s / length_s)
         self.clock = given.clock + (self.tick - given.tick)  # a stop of the joints knows no other speed

@@ -20,11 +20,12 @@ def test_every_phase_has_a_row_and_leads_back_to_rest() -> None:
     assert reached == set(Phase)
 
 
-def test_a_stop_is_left_only_into_rest_or_into_its_own_end() -> None:
+def test_a_stop_is_left_only_into_rest_or_into_its_own_end_or_off_the_path() -> None:
     for phase in STOPS:
         assert phase.stopping
         assert PhaseStep.ENTER not in TRANSITIONS[phase]
-        assert set(TRANSITIONS[phase].values()) <= {Phase.RESTING, Phase.PATH_STOP_ENDING}
+        assert set(TRANSITIONS[phase].values()) <= {Phase.RESTING, Phase.PATH_STOP_ENDING, Phase.JOINT_STOP}
+    assert set(TRANSITIONS[Phase.JOINT_STOP].values()) == {Phase.RESTING}
     assert not any(phase.stopping for phase in set(Phase) - STOPS)
 
 

@@ -77,7 +77,7 @@ int rccl_manip_stop(MANIP_PTR m, POS_PTR p, double ms);
 
 int maintain(MANIP_PTR m, POS_PTR p); /* be there at once, and stay with it */
 int trackingMode(MANIP_PTR m);        /* stay with the goal of the next motion when that goal moves */
-int rccl_cancel(MANIP_PTR m, double ms); /* ours: forget all motions and come to rest, in at least ms */
+int rccl_cancel(MANIP_PTR m, double ms); /* ours: forget all motions and come to rest, as stop(ms) of one arm */
 
 #define setvel rccl_manip_setvel
 #define setval setvel
