@@ -25,6 +25,9 @@ class ArmSettings:
         wait: returns when its predicate, called at every sample, is true; raises what ended control of the arm.
         samples: gives how many there have been.
         how: gives the robot as it was heard last, None before.
+
+    Attributes:
+        accepted: called with how collisions are told, when that was not refused.
     """
 
     def __init__(
@@ -38,6 +41,7 @@ class ArmSettings:
     ) -> None:
         self._name, self._link = name, link
         self._lock, self._wait, self._samples, self._how = lock, wait, samples, how
+        self.accepted: Callable[[Collision], object] = lambda _: None
         self._collision: Collision | None = None
 
     def tell(self, packet: Payload | Collision | AnalogOutputs) -> None:
@@ -57,6 +61,7 @@ class ArmSettings:
             raise MotionError(f"{self._name}{cannot}: {refusal}")
         if isinstance(packet, Collision):
             self._collision = packet
+            self.accepted(packet)
 
     def tell_again(self) -> None:
         """Tell a bridge that was greeted anew what it has forgotten: how collisions are told."""

@@ -21,6 +21,7 @@ from qrobot.errors import ConfigError, JointLimit, LinkBusy, LinkLost, MotionErr
 from qrobot.motion import Termination, motion_limits
 from qrobot.rccl.offline import OfflineLink
 from qrobot.rci import TcpLink
+from qrobot.wire import AnalogOutputs, Collision, ErrorCode, Signals, WireError, WireEvent
 from tests.support.fake_robot import FakeRobot, TcpRobot
 from tests.support.patience import PATIENCE_S, wait_until
 
@@ -46,6 +47,22 @@ class GatedRobot(FakeRobot):
         path = np.array(self.path)
         changed = np.flatnonzero(np.any(np.diff(path, axis=0) != 0.0, axis=1))
         return path[: changed[-1] + 2]
+
+
+class NotingRobot(FakeRobot):
+    """One that notes what it is told beside the setpoints, and refuses thresholds of a collision when it `refuses`."""
+
+    def __init__(self) -> None:
+        super().__init__(PARK, period_us=4_000, patience=PATIENCE)
+        self.beside: list[WireEvent] = []
+        self.refuses = False
+
+    def _take(self, event: WireEvent) -> bytes:
+        if isinstance(event, Collision) and self.refuses:
+            return self._connection.send(WireError(ErrorCode.COLLISION_REFUSED, "not these", False))
+        if isinstance(event, Signals | Collision | AnalogOutputs):
+            self.beside.append(event)
+        return super()._take(event)
 
 
 def deg(name: str, *steps: float) -> rccl.Position:
@@ -218,6 +235,35 @@ def test_an_arm_moves_on_while_its_program_holds_the_interpreter_and_comes_to_re
     a = np.diff(path, 2) / 0.004**2
     assert np.abs(a).max() < 1.01 * motion_limits(PUMA).a_max[0]
     assert PARK[0] < path[-1] < PARK[0] + np.radians(59.0)
+
+
+@pytest.mark.realtime
+def test_a_bridge_that_is_greeted_anew_is_told_what_it_took_of_collisions_and_no_output_that_was_ended() -> None:
+    robot, (low, lower) = NotingRobot(), (share * PUMA.guard.unexplained_torque_or_default for share in (0.5, 0.4))
+    with (
+        TcpRobot(robot) as server,
+        rccl.use(lambda hello: TcpLink(hello, server.address)),
+        rccl.control(processor="aux") as arm,
+    ):
+        arm.keep_path()
+        arm.log_signal("depth", 0.3)
+        arm.analog(1, 5.0)
+        arm.collision("comply", low.tolist())
+        robot.refuses = True
+        with pytest.raises(MotionError, match="not these"):
+            arm.collision("comply", lower.tolist())
+        robot.refuses = False
+        assert [type(packet) for packet in robot.beside] == [Signals, AnalogOutputs, Collision]
+        taken = robot.beside[-1]
+        robot.beside.clear()
+        server.hang_up()
+        arm.waitas(lambda: arm.kept)
+        begin = robot.seq
+        arm.waitas(lambda: robot.seq > begin + 10)
+        assert [type(packet) for packet in robot.beside] == [Signals, Collision]
+        assert robot.beside[1].thresholds == taken.thresholds
+        arm.resume()
+        arm.waitfor(arm.completed)
 
 
 # --------------------------------------------------------------------------------------------------- on virtual time

@@ -28,6 +28,7 @@ from qrobot.rccl.process.reports import GeneratorReport, Happened, MotionProgres
 from qrobot.rccl.process.shared_values import GENERATOR, ValueCells, warm_up
 from qrobot.rccl.setpoints import Setpoints
 from qrobot.rccl.task import TrajectoryTask
+from qrobot.rci.client import Beside
 from qrobot.rci.link import check_welcome
 from qrobot.rci.process_main import portable
 from qrobot.rci.tcp import SocketAddress, TcpLink
@@ -126,7 +127,7 @@ class GeneratorHost:
         self._task: _ReportedTask | None = None
         self._link: TcpLink | None = None
         self._driver: ThreadDriver | None = None
-        self._told: dict[type, Signals | Collision] = {}
+        self._told_again: dict[type, Signals | Collision] = {}
         self._teller = threading.Thread(target=self._tell, name="rccl-reports", daemon=True)
 
     def serve(self) -> None:
@@ -236,12 +237,17 @@ class GeneratorHost:
         """Take the arm anew."""
         self.task.begin(period_s)
 
-    def do_tell(self, packet: Payload | Signals | Collision) -> None:
+    def do_tell(self, packet: Beside) -> None:
         """Send a packet beside the next command."""
         with self._locked():
-            if not isinstance(packet, Payload):
-                self._told[type(packet)] = packet
+            if isinstance(packet, Signals):
+                self.do_tell_again(packet)
             self.link.tell(packet)
+
+    def do_tell_again(self, packet: Signals | Collision) -> None:
+        """Send it as well to a bridge that is greeted anew: nothing that was refused, nor what a stop has ended."""
+        with self._locked():
+            self._told_again[type(packet)] = packet
 
     def do_push(self, number: int, order: MoveOrder) -> None:
         """Queue a motion. Raises what `TrajectoryTask.push` raises."""
@@ -306,7 +312,7 @@ class GeneratorHost:
     # ---------------------------------------------------------------------------------------------------------- inside
 
     def _tell_again(self) -> None:
-        for packet in self._told.values():
+        for packet in self._told_again.values():
             self.link.tell(packet)
 
     def _farewell(self) -> None:

@@ -38,6 +38,7 @@ def open_apart(link: TcpLink, robot: Robot, clear_fault: bool, blend: Blend, pro
         task = RemoteTask(robot, welcome.period_us * 1e-6, process, processor)
         local = cast(TrajectoryTask, task)  # as far as a channel knows it (tests/unit/rccl/test_remote_task.py)
         session = ArmSession(robot.name, remote, local, lambda: RemoteDriver(process, task))
+        session.settings.accepted = lambda collision: process.ask("tell_again", collision)
         return Channel(robot, remote, local, session=session, calls_functions=False).start()
     except BaseException as error:
         remote.close(str(error))
