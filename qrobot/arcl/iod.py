@@ -7,11 +7,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import Enum
+from math import isnan
 from typing import Final
 
 from qrobot.arcl.machine.digital import N_INPUTS, N_OUTPUTS, check_lines, get_bits, set_bits
 from qrobot.arcl.robot import ArclRobot
 from qrobot.errors import MotionError
+from qrobot.rci.arguments import as_float, shown
 
 
 class LineDirection(Enum):
@@ -62,7 +64,7 @@ def new_iod(rp: ArclRobot, direction: LineDirection, first: int, count: int = 1)
     if not isinstance(direction, LineDirection):
         raise MotionError(f"new_iod: IOD_IN or IOD_OUT is needed, not {direction!r}")
     if not all(isinstance(number, int) and not isinstance(number, bool) for number in (first, count)):
-        raise MotionError(f"new_iod: numbers of lines are whole, not {first!r} and {count!r}")
+        raise MotionError(f"new_iod: numbers of lines are whole, not {shown(first)} and {shown(count)}")
     check_lines(first, count, N_INPUTS if direction is IOD_IN else N_OUTPUTS)
     rp.check_wired(range(first, first + count), direction is IOD_OUT)
     return IOD(rp, direction, first, count)
@@ -107,9 +109,9 @@ def iod_set_value(iod: IOD, value: float) -> None:
         return
     if iod.direction is IOD_IN:
         raise MotionError(f"iod_set_value: {iod.name} is an analogue input")
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        raise MotionError(f"iod_set_value: a number is needed, not {value!r}")
-    iod.rp.write_analog(iod.channel, value / iod.per_volt + iod.zero_v)
+    if isinstance(value, bool) or not isinstance(value, int | float) or isnan(volts := as_float(value)):
+        raise MotionError(f"iod_set_value: a number is needed, not {shown(value)}")
+    iod.rp.write_analog(iod.channel, volts / iod.per_volt + iod.zero_v)
 
 
 def iod_read(iod: IOD) -> int:

@@ -15,7 +15,7 @@ from qrobot.arrays import Floats
 from qrobot.config import Robot
 from qrobot.config.signals import N_BOARD_INPUTS, NamedSignal, no_output
 from qrobot.errors import ConfigError, MotionError
-from qrobot.rci.arguments import collision_of, payload_of
+from qrobot.rci.arguments import as_float, collision_of, payload_of, shown
 from qrobot.rci.machine_choice import machine_choice
 from qrobot.units import S_PER_MS
 
@@ -171,7 +171,7 @@ def _grip_value(command: Grip, value: object) -> float:
     if command not in (Grip.GRIP_CLOSE_BY, Grip.GRIP_OPEN_BY):
         if value is None or (isinstance(value, int | float) and value == 0):
             return 0.0
-        raise MotionError(f"gripper: {command.name} takes no value, not {value!r}")
-    if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 <= value < inf:
-        raise MotionError(f"gripper: {command.name} needs millimetres from 0 on, not {value!r}")
+        raise MotionError(f"gripper: {command.name} takes no value, not {shown(value)}")
+    if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 <= as_float(value) < inf:
+        raise MotionError(f"gripper: {command.name} needs millimetres from 0 on, not {shown(value)}")
     return float(value)

@@ -12,6 +12,7 @@ from qrobot.arcl.attributes import TRAJ_CART, TRAJ_JOINT, Attribute, attribute_v
 from qrobot.arcl.kinematics import config_word
 from qrobot.errors import MotionError
 from qrobot.motion import Trsf
+from qrobot.rci.arguments import as_float, shown
 
 DEFAULT_TACC_MS: Final = 100.0  # Ta of the requests in Figure 5
 LONGEST_TACC_MS: Final = 60_000.0  # [A] no arm needs a second
@@ -77,13 +78,13 @@ def _field(attribute: Attribute, *values: Any) -> dict[str, Any]:
 
 def _traj(attribute: Attribute, value: Any) -> int:
     if value not in (TRAJ_JOINT, TRAJ_CART):
-        raise MotionError(f"{attribute.name}: TRAJ_JOINT or TRAJ_CART is needed, not {value!r}")
+        raise MotionError(f"{attribute.name}: TRAJ_JOINT or TRAJ_CART is needed, not {shown(value)}")
     return int(value)
 
 
 def _number(attribute: Attribute, value: Any) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not isfinite(value) or value < 0:
-        raise MotionError(f"{attribute.name}: a finite number from 0 on is needed, not {value!r}")
+    if isinstance(value, bool) or not isinstance(value, int | float) or not isfinite(as_float(value)) or value < 0:
+        raise MotionError(f"{attribute.name}: a finite number from 0 on is needed, not {shown(value)}")
     return float(value)
 
 

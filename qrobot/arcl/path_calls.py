@@ -12,7 +12,7 @@ from qrobot.arcl.kept_motions import KeptMotions
 from qrobot.arcl.machine import RobotMachine
 from qrobot.errors import MotionError
 from qrobot.motion.kept import WayBackLimit
-from qrobot.rci.arguments import retract_m
+from qrobot.rci.arguments import as_float, retract_m, shown
 from qrobot.rci.standstill import PAUSED
 from qrobot.units import DEG_PER_RAD, M_PER_MM, MM_PER_M, RAD_PER_DEG
 
@@ -41,7 +41,7 @@ class PathCalls(ABC):
         The operator's override (`qrobot ctl override`) counts besides. Raises MotionError: no such percentage.
         """
         if not _is_number(percent) or not 0.0 < percent <= 100.0:
-            raise MotionError(f"override: above 0 to 100 per cent are possible, not {percent!r}")
+            raise MotionError(f"override: above 0 to 100 per cent are possible, not {shown(percent)}")
         with self._lock():
             self._motions.override = percent / 100.0
 
@@ -60,8 +60,8 @@ class PathCalls(ABC):
             MotionError: no such distance or angle, or this machine cannot take an arm again that it has lost.
         """
         for number in (way_back_mm, way_back_deg):
-            if not _is_number(number) or not isfinite(number) or number < 0.0:
-                raise MotionError(f"keep_path: a way back of 0 or more mm and degrees is needed, not {number!r}")
+            if not _is_number(number) or not isfinite(as_float(number)) or number < 0.0:
+                raise MotionError(f"keep_path: a way back of 0 or more mm and degrees is needed, not {shown(number)}")
         with self._lock():
             self._kept.limit = WayBackLimit(way_back_mm * M_PER_MM, way_back_deg * RAD_PER_DEG)
             self._kept.wanted = bool(keep)

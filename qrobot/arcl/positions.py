@@ -13,6 +13,7 @@ from qrobot.arcl.trace import equation_line
 from qrobot.arrays import Floats
 from qrobot.errors import MotionError
 from qrobot.motion import T6, Equation, Trsf
+from qrobot.rci.arguments import shown
 
 DEFAULT_NAME: Final = "pos"  # Figure 5 prints it for the position of the paper's program, which gives it no name
 
@@ -95,9 +96,9 @@ def joints_of(call: str, degs: Sequence[float], units: Floats) -> Floats:
     """Joint positions, rad (m), of degrees (mm). Shape (n,). Raises MotionError: not n finite numbers."""
     try:
         numbers = np.array([float(number) for number in degs])
-    except (TypeError, ValueError):
+    except (OverflowError, TypeError, ValueError):
         numbers = np.empty(0)
     if numbers.shape != units.shape or not np.isfinite(numbers).all():
-        raise MotionError(f"{call}: {units.size} finite joint positions are needed, not {degs!r}")
+        raise MotionError(f"{call}: {units.size} finite joint positions are needed, not {shown(degs)}")
     joints: Floats = numbers * units
     return joints

@@ -5,6 +5,7 @@ from __future__ import annotations
 import atexit
 import sys
 from collections.abc import Callable, Sequence
+from math import isfinite
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +28,7 @@ from qrobot.arrays import Floats
 from qrobot.config import Robot, load_robot
 from qrobot.errors import JointLimit, MotionError, QRobotError
 from qrobot.motion import Blend, Trsf, warm_up, warm_up_cartesian
+from qrobot.rci.arguments import as_float, shown
 from qrobot.rci.machine_choice import machine_choice
 from qrobot.rci.tcp import address_text
 
@@ -76,8 +78,8 @@ def _period(given: object) -> float | None:
     """A sample period, ms; which are possible the machine knows. Raises MotionError: no number."""
     if given is None:
         return None
-    if isinstance(given, bool) or not isinstance(given, int | float):
-        raise MotionError(f"ARCL_PERIOD: a number of ms is needed, not {given!r}")
+    if isinstance(given, bool) or not isinstance(given, int | float) or not isfinite(as_float(given)):
+        raise MotionError(f"ARCL_PERIOD: a number of ms is needed, not {shown(given)}")
     return float(given)
 
 

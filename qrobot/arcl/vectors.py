@@ -11,6 +11,7 @@ from qrobot.arrays import Floats
 from qrobot.errors import MotionError
 from qrobot.model.coordinate_fields import CoordinateFields
 from qrobot.motion import Trsf
+from qrobot.rci.arguments import shown
 from qrobot.units import MM_PER_M
 
 
@@ -32,8 +33,11 @@ class CartesianVector(CoordinateFields):
 
     def __setitem__(self, row: int, number: float) -> None:
         if isinstance(number, bool) or not isinstance(number, int | float | np.number):
-            raise MotionError(f"a coordinate is a number, not {number!r}")
-        self._cells[row] = number / self._scale
+            raise MotionError(f"a coordinate is a number, not {shown(number)}")
+        try:
+            self._cells[row] = number / self._scale
+        except OverflowError:
+            raise MotionError(f"a coordinate is a number, and none so large as {shown(number)}") from None
 
     def __len__(self) -> int:
         return 3
@@ -88,10 +92,10 @@ def three(call: str, given: VectorLike) -> Floats:
     """The coordinates of what was given to a call. Shape (3,). Raises MotionError: it is no vector."""
     try:
         numbers = np.array([float(number) for number in given])
-    except (TypeError, ValueError):
+    except (OverflowError, TypeError, ValueError):
         numbers = np.empty(0)
     if numbers.shape != (3,) or not np.isfinite(numbers).all():
-        raise MotionError(f"{call}: a vector of three finite numbers is needed, not {given!r}")
+        raise MotionError(f"{call}: a vector of three finite numbers is needed, not {shown(given)}")
     return numbers
 
 

@@ -27,7 +27,7 @@ from qrobot.rccl.setpoints import Setpoints
 from qrobot.rccl.task import TrajectoryTask
 from qrobot.rccl.trace import Trace, add_trace
 from qrobot.rci import Chg, Link
-from qrobot.rci.arguments import numbers
+from qrobot.rci.arguments import numbers, shown
 from qrobot.units import DEG_PER_RAD, M_PER_MM, MM_PER_M, NS_PER_MS, RAD_PER_DEG, S_PER_MS
 from qrobot.wire import RobotState
 
@@ -129,7 +129,7 @@ class Channel(MotionParameters, HandAndOutputs):
             MotionError: too few numbers, too many, or one that is none.
         """
         if not isinstance(degs, Sequence | np.ndarray):
-            raise MotionError(f"position {name}: {self.robot.n} numbers are needed, not {degs!r}")
+            raise MotionError(f"position {name}: {self.robot.n} numbers are needed, not {shown(degs)}")
         if len(degs) != self.robot.n:
             raise MotionError(f"position {name}: {self.robot.name} has {self.robot.n} joints, not {len(degs)}")
         return Position(name, np.array(numbers(f"position {name}", *degs)) * self._radians)
@@ -390,7 +390,7 @@ class Channel(MotionParameters, HandAndOutputs):
         RCCL's global flag. Raises MotionError: `code` is not positive, so it could not be told from our own.
         """
         if not isinstance(code, int) or code <= 0:
-            raise MotionError(f"nextmove({code!r}): the code must be a positive whole number")
+            raise MotionError(f"nextmove({shown(code)}): the code must be a positive whole number")
         with self._session.task():
             self._task.generator.skip(code)
 

@@ -10,7 +10,7 @@ from qrobot.config import Robot
 from qrobot.errors import MotionError
 from qrobot.rccl.arm_session import ArmSession
 from qrobot.rccl.task import TrajectoryTask
-from qrobot.rci.arguments import collision_of, numbers, payload_of, retract_m
+from qrobot.rci.arguments import collision_of, numbers, payload_of, retract_m, shown
 from qrobot.wire.packets import analog_output
 from qrobot.wire.vocabulary import N_ANALOG_OUTPUTS, Hand
 
@@ -48,7 +48,7 @@ class HandAndOutputs:
             MotionError: there is no such output, or it does not show so much; nothing has changed then.
         """
         if isinstance(output, bool) or output not in range(1, N_ANALOG_OUTPUTS + 1):
-            raise MotionError(f"analog({output!r}): analogue outputs are 1 to {N_ANALOG_OUTPUTS}")
+            raise MotionError(f"analog({shown(output)}): analogue outputs are 1 to {N_ANALOG_OUTPUTS}")
         (asked,) = numbers("analog", volts)
         self._session.settings.tell(analog_output(output, asked))
 

@@ -17,18 +17,27 @@ MOST_BACK_MM: Final = 300.0  # [A] after a collision
 
 def numbers(call: str, *values: object) -> tuple[float, ...]:
     """The arguments of a call. Raises MotionError when one is no finite number."""
-    found = [_number(value) for value in values]
+    found = [as_float(value) for value in values]
     for value, number in zip(values, found, strict=True):
         if not isfinite(number):
-            raise MotionError(f"{call}: {value!r} is not a finite number")
+            raise MotionError(f"{call}: {shown(value)} is not a finite number")
     return tuple(found)
 
 
-def _number(value: object) -> float:
+def as_float(value: object) -> float:
+    """A number as a float; NaN for what is none, and for a whole number that no float is as large as."""
     try:
         return float(value) if isinstance(value, SupportsFloat) else nan
     except (OverflowError, TypeError, ValueError):  # a whole number of 400 digits, several numbers, a text
         return nan
+
+
+def shown(value: object) -> str:
+    """Text of what was given: as Python writes it, unless it has a whole number of more digits than that writes."""
+    try:
+        return repr(value)
+    except ValueError:  # 4300 digits
+        return "a number of thousands of digits"
 
 
 def payload_of(call: str, kg: float, centre: Sequence[float], inertia: Sequence[float]) -> Payload:

@@ -9,6 +9,7 @@ import numpy as np
 
 from qrobot.config.outputs import ALL_OUTPUTS
 from qrobot.errors import MotionError
+from qrobot.rci.arguments import shown
 from qrobot.rci.blackboard import Chg
 from qrobot.rci.fenced_setpoints import check_setpoints
 from qrobot.rci.robot_data import RobotData
@@ -33,7 +34,9 @@ def check_chg(name: str, chg: Chg, data: RobotData, before: Asked | Command, per
     """
     whole = all(isinstance(number, Integral) for number in (chg.hand, chg.outputs))
     if not whole or chg.hand not in list(Hand) or not 0 <= chg.outputs <= ALL_OUTPUTS:
-        raise MotionError(f"task {name}: hand {chg.hand!r} and outputs {chg.outputs!r}, 0 to 2 and 16 bits exist")
+        raise MotionError(
+            f"task {name}: hand {shown(chg.hand)} and outputs {shown(chg.outputs)}, 0 to 2 and 16 bits exist"
+        )
     modes, setpoints = np.array(chg.modes), np.array(chg.setpoints, dtype=np.float64)  # copies, which are judged
     if (
         modes.dtype.kind not in "iu"

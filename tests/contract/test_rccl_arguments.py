@@ -27,7 +27,7 @@ from qrobot.rccl import (
 from qrobot.rccl.offline import OfflineLink
 from tests.support.puma import PARK
 
-NAN, INF = float("nan"), float("inf")
+NAN, INF, HUGE = float("nan"), float("inf"), 10**5000
 E = gentr_trsl("E", 0, 0, 100)
 P = makeposition("P", t6, E, EQ, gentr_trsl("A", 500, 0, 300), TL, E)
 
@@ -65,6 +65,10 @@ MOTIONS = [
     (lambda: rccl.jposition("p", [0, 0, 0, 0, 0, NAN]), "position p: nan is not a finite number"),
     (lambda: rccl.jposition("p", [0, 0, 0, 0, 0, "5"]), "'5' is not a finite number"),
     (lambda: rccl.jposition("p", [0, 0, 0, 0, 0, 10**400]), "0 is not a finite number"),
+    (lambda: rccl.jposition("p", [0, 0, 0, 0, 0, HUGE]), "position p: a number of thousands of digits is not a finite"),
+    (lambda: rccl.jposition("p", HUGE), "6 numbers are needed, not a number of thousands of digits"),
+    (lambda: rccl.program.arm().analog(HUGE, 1.0), "analog.a number of thousands of digits.: analogue outputs are"),
+    (lambda: rccl.nextmove(-HUGE), "must be a positive whole number"),
     (lambda: rccl.jposition("p", np.zeros((6, 2))), "is not a finite number"),
     (lambda: rccl.move(rccl.jposition("p", [200, 0, 0, 0, 0, 0])), r"move to p: joint 1 \(waist\)"),
     (lambda: rccl.move("park"), "move: a position is needed, from makeposition, jposition or pose, not 'park'"),
@@ -140,8 +144,17 @@ def test_after_all_that_the_arm_moves_as_if_nothing_had_been_said(arm: rccl.Chan
     assert goal.code == rccl.Termination.COMPLETED
 
 
-def test_a_speed_at_which_a_motion_never_ends_is_refused(arm) -> None:
-    arm.setjvel(1e-320)
+@pytest.mark.parametrize("speed", [1e-320, 1e-200, 1e-100])
+def test_a_speed_at_which_a_motion_never_ends_is_refused(arm: rccl.Channel, speed: float) -> None:
+    arm.setjvel(speed)
+    with pytest.raises(MotionError, match="more samples than can be counted"):
+        arm.move(arm.jposition("P", [5, 0, 0, 0, 0, 0]))
+    arm.setjvel(10)
+
+
+@pytest.mark.parametrize("ms", [1e100, 1e203, 1e300])
+def test_a_time_in_which_a_motion_never_ends_is_refused(arm: rccl.Channel, ms: float) -> None:
+    arm.setime(0, ms)
     with pytest.raises(MotionError, match="more samples than can be counted"):
         arm.move(arm.jposition("P", [5, 0, 0, 0, 0, 0]))
     arm.setjvel(10)
