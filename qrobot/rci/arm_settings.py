@@ -55,7 +55,9 @@ class ArmSettings:
             before = self._how()
             self._link().tell(packet)
             heard = self._samples() + HEARD
-        self._wait(lambda: bool(self._link().refusal(kind)) or self._in_force(packet, heard, before))
+        self._wait_unless_refused(kind, lambda: self._samples() >= heard)
+        if isinstance(packet, Payload) and before is not None and (since := self._how()) is not None:
+            self._wait_unless_refused(kind, lambda: self._carries(packet.mass, before, since))
         if refusal := self._link().refusal(kind):
             cannot = " cannot carry that" if isinstance(packet, Payload) else ""
             raise MotionError(f"{self._name}{cannot}: {refusal}")
@@ -68,17 +70,18 @@ class ArmSettings:
         if self._collision is not None:
             self._link().tell(self._collision)
 
-    def _in_force(self, packet: Payload | Collision | AnalogOutputs, heard: int, before: RobotState | None) -> bool:
-        """Whether the servo goes by it, `before` being how the robot was; a payload of the same mass shows by nothing.
+    def _wait_unless_refused(self, kind: type[Payload | Collision | AnalogOutputs], done: Callable[[], bool]) -> None:
+        self._wait(lambda: bool(self._link().refusal(kind)) or done())
 
-        Raises MotionError: there is no answer.
+    def _carries(self, mass: float, before: RobotState, since: RobotState) -> bool:
+        """Whether the servo goes by a payload, which `before` it was told, and `since` it had heard.
+
+        One of the same mass shows by nothing. Raises MotionError: there is no answer.
         """
-        how = self._how()
-        if not isinstance(packet, Payload) or how is None or before is None:
-            return self._samples() >= heard
-        passed_ns = how.t_ns - before.t_ns
-        if how.payload_mass == packet.mass:
-            return before.payload_mass != packet.mass or passed_ns >= CARRIED_NS
+        how = self._how() or since
+        passed_ns = how.t_ns - since.t_ns
+        if how.payload_mass == mass:
+            return before.payload_mass != mass or passed_ns >= CARRIED_NS
         if passed_ns > ANSWER_NS:
             raise MotionError(f"{self._name} has not answered: it carries {how.payload_mass:g} kg still")
         return False
