@@ -7,10 +7,11 @@
         arm.waitfor(arm.completed)
 
 `control` returns a `Channel`; its calls are also functions of this module, for the arm taken last, as in C, and so are
-RCCL's global variables `completed`, `nbrequest`, `how`, `chg`, `park` and `there`, and `kept`. Transforms and position
-equations belong to no arm: `newtrans`, the `gentr_` family, `makeposition`, `DataBase`. Degrees, millimetres and
-milliseconds at this boundary. Where the robot is, is chosen outside the program: `use` for whoever starts it, else the
-variable QROBOT_BRIDGE ("host:port"), else the default port of this machine.
+RCCL's global variables `completed`, `nbrequest`, `how`, `chg`, `park` and `there`, and `kept`, `joints`, `time`,
+`exerted` and `overruns`. Transforms and position equations belong to no arm: `newtrans`, the `gentr_` family,
+`makeposition`, `DataBase`. Degrees, millimetres and milliseconds at this boundary. Where the robot is, is chosen
+outside the program: `use` for whoever starts it, else the variable QROBOT_BRIDGE ("host:port"), else the default port
+of this machine.
 """
 
 from __future__ import annotations
@@ -26,11 +27,14 @@ from qrobot.rccl.position import EQ, TL, Position, makeposition
 from qrobot.rccl.program import (
     CLOSE,
     OPEN,
+    analog,
     collision,
     comply,
     control,
     distance,
+    each_sample,
     evalfn,
+    finish,
     jposition,
     keep_path,
     limit,
@@ -95,13 +99,16 @@ __all__ = [
     "Position",
     "Termination",
     "Transform",
+    "analog",
     "assigntr",
     "collision",
     "comply",
     "const",
     "control",
     "distance",
+    "each_sample",
     "evalfn",
+    "finish",
     "gentr_eul",
     "gentr_pao",
     "gentr_rot",

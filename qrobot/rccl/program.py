@@ -31,8 +31,12 @@ VARIABLES: Final[dict[str, Callable[[Channel], Any]]] = {
     "kept": lambda arm: arm.kept,
     "park": lambda arm: arm.pose("park"),
     "there": lambda arm: arm.there,
+    "joints": lambda arm: arm.joints,
+    "time": lambda arm: arm.time,
+    "exerted": lambda arm: arm.exerted,
+    "overruns": lambda arm: arm.overruns,
 }
-"""RCCL's global variables, of one arm."""
+"""RCCL's global variables, and properties of ours beside them, of one arm."""
 
 
 def _tcp_link(hello: Hello) -> Link:
@@ -141,6 +145,7 @@ def _of_the_arm(call: Callable[Concatenate[Channel, P], R]) -> Callable[P, R]:
     return of_the_arm
 
 
+finish = _of_the_arm(Channel.finish)
 jposition = _of_the_arm(Channel.jposition)
 pose = _of_the_arm(Channel.pose)
 setmode = _of_the_arm(Channel.setmode)
@@ -151,6 +156,7 @@ sample = _of_the_arm(Channel.sample)
 setime = _of_the_arm(Channel.setime)
 evalfn = _of_the_arm(Channel.evalfn)
 distance = _of_the_arm(Channel.distance)
+each_sample = _of_the_arm(Channel.each_sample)
 limit = _of_the_arm(Channel.limit)
 comply = _of_the_arm(Channel.comply)
 lock = _of_the_arm(Channel.lock)
@@ -169,6 +175,7 @@ waitas = _of_the_arm(Channel.waitas)
 OPEN = _of_the_arm(Channel.OPEN)
 CLOSE = _of_the_arm(Channel.CLOSE)
 signal = _of_the_arm(Channel.signal)
+analog = _of_the_arm(Channel.analog)
 log_signal = _of_the_arm(Channel.log_signal)
 setload = _of_the_arm(Channel.setload)
 

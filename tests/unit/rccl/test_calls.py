@@ -7,6 +7,7 @@ import re
 import types
 import typing
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -26,7 +27,7 @@ ARM_CALLS = [name for name in rccl.__all__ if hasattr(Channel, name)]
 OF_THE_ARM = sorted(set(ARM_CALLS) - {"completed", "there", "how", "chg", "nbrequest", "release"})
 PYTHON_OF_C = {
     "double": {float},
-    "int": {bool},
+    "int": {bool, int},
     "char *": {str},
     "POS_PTR": {Position},
     "TRSF_PTR": {Trsf, Transform},
@@ -34,6 +35,8 @@ PYTHON_OF_C = {
 }
 # C has variables (nextmove), macros (waitfor, waitas) and letters (setmode) in their place, or nothing at all.
 ONLY_PYTHON = {
+    "each_sample",
+    "finish",
     "pose",
     "setjvel",
     "collision",
@@ -67,6 +70,25 @@ def test_a_function_has_signature_and_docstring_of_the_method(name) -> None:
     assert list(inspect.signature(function).parameters) == [parameter.name for parameter in signature(method)]
     assert function.__doc__ == method.__doc__
     assert function.__name__ == name
+
+
+def test_what_the_guide_lists_is_of_the_arm_and_of_the_module() -> None:
+    page = (Path(__file__).parents[3] / "docs/how-to/write-a-program.md").read_text()
+    table = page[page.index("| call | does |") : page.index("All are methods")]
+    of_channel = set(dir(Channel)) | {"completed", "there"}  # attributes that are made with it
+    cells = [line.split(" | ")[0] for line in table.splitlines()[2:]]
+    names = {name for cell in cells for name in re.findall(r"(?<=`)\w+(?=[`(])", cell)}
+    assert {"move", "joints", "analog"} < names
+    assert names - of_channel == {"control", "teach"}
+    assert {name for name in names if name not in rccl.__all__ and name not in program.VARIABLES} == set()
+
+
+def test_a_variable_is_what_the_arm_has(monkeypatch: pytest.MonkeyPatch) -> None:
+    arm = types.SimpleNamespace(**{name: object() for name in program.VARIABLES}, pose=lambda name: f"pose {name}")
+    monkeypatch.setattr(program, "_arm", arm)
+    assert {name: getattr(rccl, name) for name in program.VARIABLES} == {
+        name: "pose park" if name == "park" else getattr(arm, name) for name in program.VARIABLES
+    }
 
 
 def test_without_an_arm_a_function_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
