@@ -76,6 +76,17 @@ def controlled_robot(arm: DeployedArm, model: str | None = None) -> tuple[Robot,
         return robot, ""
 
 
+def robot_of_servo(arm: DeployedArm, driven: str) -> Robot:
+    """The robot of an arm whose servo drives the one named `driven`. Raises ConfigError when these are two."""
+    robot = robot_of_arm(arm)
+    if robot.name != driven:
+        raise ConfigError(
+            f"the servo of {arm.name} drives {driven}, and this deployment file has {robot.name} there: name the file "
+            "that the servo was started with"
+        )
+    return robot
+
+
 def calibration_of_arm(arm: DeployedArm) -> CalibrationTable | None:
     """The calibration table an arm names, if any. Raises ConfigError when it is damaged or another arm's."""
     name = arm.board.calibration_table

@@ -10,7 +10,7 @@ from cyclopts import Parameter
 from rich.progress import BarColumn, Progress, TaskID, TextColumn
 from rich.table import Table
 
-from qrobot.cli.arms import DEFAULT_DEPLOYMENT, choose_arm, robot_of_arm
+from qrobot.cli.arms import DEFAULT_DEPLOYMENT, choose_arm, robot_of_arm, robot_of_servo
 from qrobot.cli.console import SUCCESS, err, note, out, print_table, write_json
 from qrobot.cli.option_types import Indexes, OutputFile
 from qrobot.report import Report
@@ -81,6 +81,7 @@ def calibrate_arm(
     Raises:
         LinkError: no servo runs, or it does not answer any more.
         LinkBusy: somebody else commands the arm.
+        ConfigError: the servo drives another robot than the file tells of.
         ConfigError, ServoFault: what `run_calibration` raises.
     """
     from qrobot.rig.interrupts import interrupted_by_signals
@@ -96,9 +97,11 @@ def calibrate_arm(
     memory, authority = attach_servo_memory(arm.name), Authority(arm.name)
     with interrupted_by_signals():
         try:
+            mailbox = ServoMailbox(memory.words)
+            robot = robot_of_servo(arm, mailbox.info.robot_name)
             authority.take("qrobot calibrate")
-            with _Bars(robot_of_arm(arm), report) as bars:
-                return run_calibration(ServoMailbox(memory.words), time.sleep, indexes, follow)
+            with _Bars(robot, report) as bars:
+                return run_calibration(mailbox, time.sleep, indexes, follow)
         finally:
             authority.release()
             memory.close()

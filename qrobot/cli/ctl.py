@@ -11,7 +11,7 @@ from typing import Annotated, Final, Literal
 from cyclopts import App, Parameter
 from rich.table import Table
 
-from qrobot.cli.arms import DEFAULT_DEPLOYMENT, LAW_NAMES, choose_arm, robot_of_arm, whole_law_name
+from qrobot.cli.arms import DEFAULT_DEPLOYMENT, LAW_NAMES, choose_arm, robot_of_servo, whole_law_name
 from qrobot.cli.console import SUCCESS, note, out, plain_table, print_table, write_json
 from qrobot.cli.fence_table import fence_table
 from qrobot.cli.option_types import GainsOption, Indexes, LoadKg, Percent, Seconds
@@ -91,10 +91,11 @@ def status(*, where: Where | None = None) -> int:
     if where.json:
         write_json(now.model_dump())
         return SUCCESS
+    robot = robot_of_servo(chosen, now.robot)
     out.print(_line(now), soft_wrap=True)
     if now.path_waits:
         out.print(PATH_WAITS, soft_wrap=True)
-    print_table(_joints(robot_of_arm(chosen), now))
+    print_table(_joints(robot, now))
     if any(value is not None for value in now.force):
         out.print(_force_line(now.force), soft_wrap=True)
     out.print(_lines_line(now), soft_wrap=True)
@@ -345,8 +346,9 @@ def _show_gains(where: Where) -> int:
     if where.json:
         write_json({"law": now.law, "kp": now.kp, "kv": now.kv, "inertia": now.inertia})
     else:
+        robot = robot_of_servo(chosen, now.robot)
         out.print(f"{now.arm}: gains in force, law {now.law}", soft_wrap=True)
-        print_table(_gains(robot_of_arm(chosen), now))
+        print_table(_gains(robot, now))
     return SUCCESS
 
 

@@ -20,8 +20,13 @@ RESTARTS = 3  # [A] a minute, of processes without which the servo holds the arm
 def require_free_port(arm: DeployedArm) -> None:
     """Raise LinkBusy when somebody answers where the bridge of `arm` is to listen."""
     host, port = arm.bridge.host, arm.bridge.port
-    if bridge_ready(host, port):
-        raise LinkBusy(f"{host}:{port} is in use: does another bridge run? Choose another port for {arm.name}")
+    if not bridge_ready(host, port):
+        return
+    if servo_ready(arm.name):
+        raise LinkBusy(
+            f"{host}:{port} is in use: {arm.name} runs already, as `qrobot ctl status` tells; end that first"
+        )
+    raise LinkBusy(f"{host}:{port} is in use: does another bridge run? Choose another port for {arm.name}")
 
 
 @dataclass(frozen=True)

@@ -48,15 +48,15 @@ class Servo:
 
     def status(self) -> SimpleNamespace:
         gains = {"kp": [3510.25, *range(5)], "kv": [234.0, *range(5)], "inertia": [3.9, *range(5)]}
-        return SimpleNamespace(arm=self.arm, law="qrobot", calibrated=True, **gains)
+        return SimpleNamespace(arm=self.arm, robot="puma560", law="qrobot", calibrated=True, **gains)
 
 
 def test_the_last_two_lines_of_a_status_tell_what_is_on_and_how_the_board_is_reached(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     status: Any = ServoStatus.model_construct(
-        arm="puma560", law="qrobot", law_settings={}, mode="HOLDING", text="", commander="", hand="closed",
-        inputs=(), outputs={}, force=(1.0, *[None] * 5),
+        arm="puma560", robot="puma560", law="qrobot", law_settings={}, mode="HOLDING", text="", commander="",
+        hand="closed", inputs=(), outputs={}, force=(1.0, *[None] * 5),
         board=BoardStatus(losses=0, dropped=0, illegal=0, module_losses=0),
         **dict.fromkeys(("q", "v", "tau", "kp", "kv", "inertia"), (0.0,) * 6),
     )  # fmt: skip
@@ -73,6 +73,20 @@ def test_gains_alone_shows_those_in_force(monkeypatch: pytest.MonkeyPatch, capsy
     assert "waist 3510.25 234 3.9 N m/rad, N m s/rad, kg m^2" in " ".join(told.split())
     assert run_app(make_app(), ["ctl", "gains", "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["kp"][0] == 3510.25
+
+
+@pytest.mark.parametrize("command", ["status", "gains"])
+def test_numbers_of_another_robot_are_not_told_as_those_of_this_file(
+    command: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("qrobot.cli.ctl.ServoClient", Servo)
+    monkeypatch.setattr(Servo, "status", lambda _: SimpleNamespace(robot="stanford"))
+    assert run_app(make_app(), ["ctl", command]) == 1
+    told = capsys.readouterr()
+    assert told.out == ""
+    assert "the servo of puma560 drives stanford, and this deployment file has puma560 there" in " ".join(
+        told.err.split()
+    )
 
 
 def test_fences_are_told_with_the_one_that_is_nearest_first(

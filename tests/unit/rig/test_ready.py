@@ -3,18 +3,23 @@
 from __future__ import annotations
 
 import os
+import socket
 import subprocess
 import sys
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Final
 
 import pytest
 
+from qrobot.config.deployment import load_deployment
 from qrobot.errors import LinkBusy
 from qrobot.hwif.board_memory import create_board_memory
 from qrobot.realtime.shared_memory import HEADER_WORDS, SharedMemory
+from qrobot.rig.deployed import require_free_port
 from qrobot.rig.processes import ProcessPlan, ProcessRig, board_ready, guardian_ready, servo_ready
 from qrobot.servo.memory.servo_memory import PLACE_LAYOUT, create_servo_memory, guardian_place
+from tests.support.processes import write_deployment
 
 ARM: Final = f"ready{os.getpid()}"
 
@@ -78,3 +83,14 @@ def test_what_a_killed_board_has_left_does_not_make_the_next_one_ready(dead: int
         assert board_ready(ARM)
         board.header.owner_pid = dead
         assert not board_ready(ARM)
+
+
+@pytest.mark.parametrize(("runs", "advice"), [(True, "runs already"), (False, "Choose another port for")])
+def test_a_port_that_is_taken_is_told_of_with_who_has_taken_it(tmp_path: Path, runs: bool, advice: str) -> None:
+    (arm,) = load_deployment(write_deployment(tmp_path)).arm
+    with socket.create_server((arm.bridge.host, arm.bridge.port)), ExitStack() as stack:
+        if runs:
+            servo = stack.enter_context(create_servo_memory(arm.name, "puma560", "pd", 6, 1_000_000, 16))
+            servo.front.info.ready = 1
+        with pytest.raises(LinkBusy, match=f"{arm.bridge.port} is in use.*{advice}"):
+            require_free_port(arm)
