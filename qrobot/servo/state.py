@@ -155,6 +155,9 @@ class ServoState:
     adopt: int = ADOPT_BOARD  # what to take over from the next good image
     revision: int = 0  # of the board, as it says itself
     board_joints: int = 0  # encoder channels of the board, as it says itself; 0 where it has said nothing yet
+    board_losses: int = -1  # times the board was lost, as its side says; -1 before the first cycle
+    lost_ns: int = 0  # when that was last seen to have happened
+    board_away: int = 0  # 1: lost in a mode without torque, and seen in no image that was asked for since
     module_losses: int = 0  # times a remote module beside the board was lost, as its side says
     calibrates_seen: int = 0
     outputs: int = 0  # in force, output 1 in bit 0

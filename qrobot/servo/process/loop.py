@@ -26,6 +26,7 @@ from qrobot.servo.kernels.converter import note_post
 from qrobot.servo.memory.telemetry import append_telemetry
 from qrobot.servo.modes import wants_power
 from qrobot.servo.parameters import ServoParameters
+from qrobot.servo.stages.inputs import note_losses
 from qrobot.servo.state import (
     ServoState,
 )
@@ -93,6 +94,7 @@ def one_cycle(
     state.image_age_ns = now_ns + late_ns - state.image_taken_ns
     state.revision, state.module_losses = board.facts.revision, board.facts.module_losses
     state.board_joints = board.facts.joints
+    note_losses(state, board.facts.losses, now_ns + late_ns)
     n_ops = cycle(params, state, mail, now_ns, late_ns)
     posted = post_operations(board, SERVO_LANE, state.ops, n_ops, now_ns)
     note_post(state.adc, newest_count(board), now_ns)

@@ -60,6 +60,21 @@ TOO_FAST_CYCLES: Final = 2  # in a row: one alone can be the noise of a velocity
 COMPLIANT_REACH: Final = 5.0  # times the following error, for an arm that gives way: it may be pushed so far [A]
 
 
+@lean_kernel
+def note_losses(state: ServoState, losses: int, now_ns: int) -> None:
+    """Follow how often the board was lost, as its side says: what is found again has its lines off, the hand relaxed.
+
+    With torque arm power tells of that. Without, a loss shorter than a board may be silent counts as well: as none of
+    the present, until an image comes that was asked for after it.
+    """
+    if losses != state.board_losses:
+        if state.board_losses >= 0 and not gives_torque(state.mode):
+            state.lost_ns, state.board_away = now_ns, 1
+        state.board_losses = losses
+    elif state.image_taken_ns > state.lost_ns:
+        state.board_away = 0
+
+
 @part_kernel
 def read(params: ServoParameters, state: ServoState) -> None:
     """Judge the image; unwrap the encoder words, holding back what no joint can have moved.
@@ -73,9 +88,10 @@ def read(params: ServoParameters, state: ServoState) -> None:
         state.image_seen = state.image[IMAGE_COUNT]
         state.status = state.image[IMAGE_STATUS]
     code = check_image(state.unchanged, params.unchanged_images, state.image_seen, state.status)
-    state.image_ok = 1 if code == 0 else 0
+    state.image_ok = 1 if code == 0 and state.board_away == 0 else 0
     if state.image_ok == 0 and not wants_power(state.mode):
-        state.adopt = ADOPT_BOARD  # it may come back as another one
+        jumped = state.glitches >= GLITCHES_TO_FAULT or state.adopt == ADOPT_JUMPED
+        state.adopt = ADOPT_JUMPED if jumped else ADOPT_BOARD  # it may come back as another one
     if fresh and state.image_ok != 0:
         read_encoders(params, state)
     taken_ns, patience = state.image_taken_ns, params.adc_patience

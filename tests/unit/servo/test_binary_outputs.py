@@ -12,14 +12,24 @@ from qrobot.cli.arms import servo_settings
 from qrobot.config import load_deployment
 from qrobot.config.outputs import N_OUTPUTS
 from qrobot.errors import ConfigError, MotionError
+from qrobot.faultcodes import FaultCode
+from qrobot.hwif.gateway import Gateway
 from qrobot.hwif.isa.card import NO_CARD, make_card
 from qrobot.hwif.operations import OP_FIELDS
-from qrobot.hwif.registers import DISCRETE, DISCRETE_LINES, STATUS_CALIBRATED, STATUS_POWER
+from qrobot.hwif.registers import (
+    DISCRETE,
+    DISCRETE_HAND_OPEN,
+    DISCRETE_HAND_RELAXED,
+    DISCRETE_LINES,
+    STATUS_CALIBRATED,
+    STATUS_POWER,
+)
 from qrobot.modecodes import Mode
 from qrobot.rci import Chg
 from qrobot.servo.memory.servo_memory import servo_front
 from qrobot.servo.output_lines import OUTPUT_PATIENCE_NS, OutputWire
 from qrobot.servo.process.guardian import N_OWN, N_SAFE_OPS, look
+from tests.support.bus import BenchEndpoint, DirectBus
 from tests.support.deployment import LEFT
 from tests.support.servo_bench import ServoBench, moving
 
@@ -158,6 +168,60 @@ def test_the_emergency_stop_counts_without_arm_power_too() -> None:
     cell.bench.tick()
     assert cell.bench.mode is Mode.OFF
     assert cell.on == HELD
+
+
+def test_a_board_lost_for_less_than_its_timeout_switches_off_as_one_lost_for_longer() -> None:
+    bench, end = ServoBench(outputs=WIRES, board_timeout_ms=20.0), BenchEndpoint()
+    bench.frozen = bench.deaf = True  # another one is its board
+    bus, asked = DirectBus(end), [ALL]
+    gateway = Gateway(bus, bench.board, bench.settings.period_ns, held_lines=CLAMP_BIT)
+    bench.before += [gateway.step, lambda now_ns: bench.mailbox.request_outputs(asked[0], now_ns)]
+    bench.mailbox.request_hand(2)
+
+    def seen(ticks: int) -> tuple[int, int]:
+        bench.tick(ticks)
+        word = [value for _, offset, value in end.applied if offset == DISCRETE][-1]
+        return bench.snapshot.outputs, word & (DISCRETE_LINES | DISCRETE_HAND_RELAXED)
+
+    closed, relaxed = DISCRETE_HAND_OPEN, DISCRETE_HAND_RELAXED  # active low
+    assert seen(5) == (ALL, GLUE_BIT | CLAMP_BIT | closed)
+    bus.cut = True
+    bench.mailbox.request_power(True)
+    bench.tick()
+    assert (bench.mode, bench.event) == (Mode.OFF, FaultCode.BOARD_GONE)
+    bus.cut = False
+    assert seen(1) == (HELD, CLAMP_BIT | relaxed)  # made safe when it was found
+    assert seen(2) == (HELD, CLAMP_BIT | closed)  # the hand as its program has it
+    bench.mailbox.request_hand(0)
+    assert seen(2) == (HELD, CLAMP_BIT | relaxed)
+    for asked[0], lines in ((HELD, CLAMP_BIT), (ALL, GLUE_BIT | CLAMP_BIT)):
+        assert seen(2) == (asked[0], lines | relaxed)
+
+
+def test_power_that_was_asked_for_is_not_waited_for_when_its_board_has_been_lost_meanwhile() -> None:
+    bench = ServoBench(board_timeout_ms=20.0).tick(3)
+    bench.panel = False
+    bench.mailbox.request_power(True)
+    bench.tick(2)
+    assert bench.mode is Mode.POWERING
+    bench.board.facts.losses += 1
+    bench.tick()
+    assert (bench.mode, bench.fault, bench.powered) == (Mode.FAULT, FaultCode.BOARD_GONE, False)
+
+
+@pytest.mark.parametrize("timeout", [False, True])
+def test_a_board_lost_after_its_counters_have_jumped_does_not_come_back_calibrated(timeout: bool) -> None:
+    bench = ServoBench(board_timeout_ms=20.0).tick(3)
+    slip_an_encoder(bench)
+    bench.until(lambda: bench.fault is FaultCode.ENC_JUMP)
+    assert bench.discrete & STATUS_CALIBRATED
+    bench.board.facts.losses += 1
+    bench.frozen = timeout
+    bench.tick(30)
+    bench.frozen = False
+    bench.mailbox.request_clear()
+    bench.until(lambda: bench.mode is Mode.OFF)
+    assert not bench.discrete & STATUS_CALIBRATED
 
 
 def test_when_nobody_commands_what_holds_stays_and_the_rest_goes_off() -> None:
