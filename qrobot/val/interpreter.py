@@ -194,7 +194,9 @@ class Interpreter:
         self.machine.forget_destination()
 
     def give_up_motions(self) -> None:
-        """Let the arm come to rest; the motions that were under way count as ended, for PROCEED too."""
+        """Let the arm come to rest; its motions count as ended, for PROCEED too, and so a hand for one to come."""
+        if self.machine.arm.waiting:
+            self.machine.hand_at_next = None
         self.stop_arm()
         self.machine.arm.unfinished()
 

@@ -108,7 +108,7 @@ def test_a_fence_refuses_a_motion_and_ends_one_whose_goal_sinks_into_it(tmp_path
     assert qrobot("run", *words) == 0
     said = capsys.readouterr().out
     assert "refused: wrist would come" in said
-    assert "FENCE: the arm stopped, the lift 209 mm down" in said
+    assert "FENCE: the arm stopped, the lift 208 mm down" in said
     assert [request["name"] for request in requests(tmp_path)] == ["OVER", "LIFT", "LIFT", "OVER"]
     fences = fences_of(load_deployment(cell).arm[0], ROBOT)
     assert fences is not None

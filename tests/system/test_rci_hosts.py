@@ -20,23 +20,27 @@ from qrobot.rci.hosts.remote_processor import RemoteProcessor
 from qrobot.rci.hosts.session import answer_questions, connecting, open_session
 from qrobot.rci.hosts.settings import HOSTS_VARIABLE, find_host
 from tests.support import rci_on_host as functions
+from tests.support.full_pipe import fill
+from tests.support.patience import wait_until
 from tests.support.processes import RunningArm, free_port
 
 pytest.importorskip("zenoh")
 pytestmark = pytest.mark.realtime
 ROOT = Path(__file__).parents[2]
+HOSTS = '[[host]]\nname = "lab2"\nendpoint = "{endpoint}"\n'
 
 
 class RunningHost:
     """A host on the loopback interface."""
 
-    def __init__(self, folder: Path, endpoint: str, rest: str = "") -> None:
+    def __init__(self, folder: Path, endpoint: str, rest: str = "", output: int = subprocess.PIPE) -> None:
         self.settings = folder / "lab2.toml"
         modules = f"modules = [{functions.__name__!r}]\n"
         self.settings.write_text(f'name = "lab2"\nendpoint = "{endpoint}"\n{modules}{rest}')
         command = [sys.executable, "-m", "qrobot.rci.hosts", str(self.settings)]
-        self.process = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, text=True)
-        self.await_line("waits for a program")
+        self.process = subprocess.Popen(command, cwd=ROOT, stdout=output, text=True)
+        if output == subprocess.PIPE:
+            self.await_line("waits for a program")
 
     def await_line(self, text: str) -> str:
         """The next line of its output that has a text."""
@@ -56,7 +60,7 @@ class RunningHost:
 def loopback(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningHost]:
     """A host that all tests here use, one after the other."""
     folder, endpoint = tmp_path_factory.mktemp("hosts"), f"tcp/127.0.0.1:{free_port()}"
-    (folder / "hosts.toml").write_text(f'[[host]]\nname = "lab2"\nendpoint = "{endpoint}"\n')
+    (folder / "hosts.toml").write_text(HOSTS.format(endpoint=endpoint))
     running = RunningHost(folder, endpoint)
     yield running
     running.close()
@@ -253,4 +257,32 @@ def test_a_host_that_asks_for_certificates_serves_the_programs_of_its_list_alone
             rci.rci_wait(lambda: False)
     finally:
         rci.rci_close()
+        host.close()
+
+
+def test_a_host_whose_output_nobody_reads_serves_one_program_after_another(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "hosts.toml").write_text(HOSTS.format(endpoint=(endpoint := f"tcp/127.0.0.1:{free_port()}")))
+    monkeypatch.setenv(HOSTS_VARIABLE, str(tmp_path / "hosts.toml"))
+
+    def served() -> bool:
+        rci.rci_clock(1000)
+        try:
+            rci.rci_start(task("far", functions.answer).bit)
+        except LinkError:  # it begins, or begins anew
+            return False
+        finally:
+            rci.rci_close()
+        return True
+
+    source, sink = os.pipe()
+    fill(sink)
+    host = RunningHost(tmp_path, endpoint, output=sink)
+    try:
+        for _ in range(2):
+            wait_until(served, "the host serves a program")
+    finally:
+        os.close(source)
+        os.close(sink)
         host.close()

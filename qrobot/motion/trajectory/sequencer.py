@@ -325,7 +325,10 @@ class Sequencer:
     def _replan(self, queued: QueuedMotion, code: int) -> bool:
         """Replan from one joint path to another, as `_leave_for`."""
         clock = self._trajectory.clock
-        entry = self._planner.replan(queued, self._path.state(clock), clock, self._asked_behind())
+        try:
+            entry = self._planner.replan(queued, self._path.state(clock), clock, self._asked_behind())
+        except MotionError:  # from here it would be another motion than from where it was judged
+            return False
         if entry is None:
             return False
         self._enter(entry, clock, code)

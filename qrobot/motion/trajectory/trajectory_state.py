@@ -147,6 +147,9 @@ class TrajectoryState:
         if self._path_stop is None:  # a joint stop is a piece of its own
             q: Floats = self.path.state(self.path.piece.end)[0]
             return q
+        segment, (clock, *_) = self.path.segment, self._path_stop.at(self._path_stop.length)
+        if segment is not None and clock >= segment.end + segment.schedule.resting:
+            return segment.end_joints  # the motion ends before so long a stop
         *_, q = joints_ahead(self._path_stop, self.path, self.newest, self.tick - self._path_stop_tick)
         return q
 

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import os
 import sys
-from contextlib import suppress
 from functools import partial
 from pathlib import Path
 
@@ -36,7 +35,5 @@ def main(arguments: list[str]) -> int:
 if __name__ == "__main__":
     status = main(sys.argv[1:])
     if status == 0:
-        with suppress(OSError):  # a full disk behind it
-            sys.stdout.flush()
         os.execv(sys.executable, [sys.executable, "-m", "qrobot.rci.hosts", *sys.argv[1:]])
     os._exit(status)  # the thread of a task that never comes back would keep us

@@ -285,3 +285,14 @@ def test_motions_end_in_their_order_whichever_samples_are_left_out() -> None:
             gen.push(move(name, q, 0.0, speed=Duration(1.0), ta=0.1))
         outputs = [gen.update(tick) for tick in (*range(1, 21), *range(20 + gap, 300))]
         assert ended(outputs) == [("a", DONE), ("b", DONE), ("c", DONE)]
+
+
+def test_a_motion_that_is_no_motion_from_where_an_interruption_finds_the_arm_is_refused_at_rest() -> None:
+    """From its goal there is no way to go, however slowly; from elsewhere it would take for ever."""
+    gen = generator()
+    gen.push(MoveRequest("first", np.array([0.2, 0.05]), Duration(1.0)))
+    gen.push(MoveRequest("slow", np.array([0.2, 0.05]), SpeedShare(1e-12)))
+    outputs = list(run(gen, lambda tick: gen.skip(7) if tick == 10 else None))
+    assert ended(outputs) == [("first", 7), ("slow", Termination.UNREACHABLE)]
+    gen.push(MoveRequest("last", np.array([0.1, 0.0]), Duration(1.0)))
+    assert gen.busy

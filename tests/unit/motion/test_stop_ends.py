@@ -11,6 +11,7 @@ from qrobot.arrays import Floats
 from qrobot.model.branch import Branch
 from qrobot.motion import (
     T6,
+    Duration,
     Equation,
     Generator,
     MotionLimits,
@@ -110,6 +111,23 @@ def test_an_arm_rests_where_its_stop_was_to_end_whenever_it_begins(motion: Motio
         interrupt(arm_in_motion)
         end = arm_in_motion._sequencer.last_end()
         assert goes_on(arm_in_motion) == pytest.approx(end, abs=1e-9), when
+
+
+@pytest.mark.parametrize("seconds", [3.0, 20.0, 100.0])
+def test_a_stop_that_takes_longer_than_the_line_ends_where_that_does(seconds: float) -> None:
+    """On the line joint 6 turns from -45 to 150 degrees: of those places the nearest one to its begin is -210."""
+    begin, goal = (PARK + np.radians([waist, 0, 0, 0, 0, flange]) for waist, flange in ((-22.5, -45), (22.5, 150)))
+    place = Trsf("PLACE", TransformKind.CONST, arm().forward(goal))
+    for when in range(1, 100, 14):
+        motion = puma_generator(begin)
+        motion.push(
+            MoveRequest("P", Equation("P", (T6,), (place,), T6).goal(), Duration(3.0), mode=MotionMode.CARTESIAN)
+        )
+        for tick in range(1, when + 1):
+            motion.update(tick)
+        motion.stop(seconds)
+        end = motion._sequencer.last_end()
+        assert goes_on(motion, 4000) == pytest.approx(end, abs=1e-9), when
 
 
 @pytest.mark.parametrize("turn", [3.14, -3.14])

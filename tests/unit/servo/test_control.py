@@ -1033,7 +1033,7 @@ def test_status_tells_that_a_program_waits_to_go_back_to_its_path_until_it_is_si
     servo: Bench, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(ctl, "choose_arm", lambda *_: SimpleNamespace(name=servo.arm))
-    monkeypatch.setattr(ctl, "robot_of_arm", lambda _: servo.robot)
+    monkeypatch.setattr(ctl, "robot_of_servo", lambda *_: servo.robot)
     said_ns, late_ns = 5_000_000_000, 6_000_000_000
     servo.mailbox.tell_path_waits(said_ns)
     assert servo.mailbox.path_waits(said_ns + 100_000_000)

@@ -143,6 +143,24 @@ def test_a_motion_that_a_program_has_stopped_stays_given_up_behind_ctrl_c(lines:
         assert 0.0 < run.machine.frame("here")[1, 3] < 0.06
 
 
+@pytest.mark.parametrize("library", ["rccl", "arcl"])
+@pytest.mark.parametrize(
+    ("waits", "hands"),
+    [(["WAIT DISTANCE(HERE, b) < 200"], []), (["WAIT DISTANCE(HERE, b) < 50", "WAIT DISTANCE(HERE, b) > 100"], [True])],
+)
+def test_a_hand_opens_with_its_motion_and_not_where_the_arm_was_stopped_before(
+    waits: list[str], hands: list[bool], library: str
+) -> None:
+    """OPEN is for the motion that begins at `b`; the signal comes on the way there, or on the way back."""
+    lines = "REACTI 2001, r", "MOVE a", "SPEED 20", "MOVES b", "OPEN", "PCEXECUTE p", "SPEED 20", "MOVES a", "BREAK"
+    watch = "\n".join(["", ".PROGRAM p", *waits, "SIGNAL 2001", ".END", ""])
+    with interpreter(main_program(*lines, rest=WHERE + watch + PLACES), library=library) as (run, _):
+        opened: list[bool] = []
+        run.machine.arm.hand = opened.append  # type: ignore[method-assign]
+        assert run.execute("main") is RunState.COMPLETED, run.message
+        assert opened == hands
+
+
 def test_a_wrong_answer_behind_a_reaction_is_blamed_on_its_question_which_retry_asks_again() -> None:
     lines = "REACTI 2001, r", *TO_B, 'PROMPT "n", x', "y = x"
     with interpreter(main_program(*lines, rest=WHERE + NEAR_B + PLACES), "abc", "7") as (run, _):
