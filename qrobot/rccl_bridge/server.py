@@ -245,7 +245,7 @@ def run_bridge(
     on_ready: Callable[[str, int], None] | None = None,
     authority: ArmAuthority | None = None,
 ) -> None:
-    """Serve whoever can read the token in the runtime folder, until SIGTERM or SIGINT.
+    """Serve whoever can read the token in the runtime folder, until SIGTERM, SIGINT or SIGHUP.
 
     Raises LinkBusy or LinkError when the address cannot be had, LinkError when the runtime folder cannot be used.
 
@@ -261,7 +261,10 @@ def run_bridge(
 
 async def _serve(server: BridgeServer, on_ready: Callable[[str, int], None] | None) -> None:
     stop = asyncio.Event()
-    for number in (signal.SIGTERM, signal.SIGINT):
+    numbers = [signal.SIGTERM, signal.SIGINT]
+    if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:  # nohup has ignored it
+        numbers.append(signal.SIGHUP)
+    for number in numbers:
         asyncio.get_running_loop().add_signal_handler(number, stop.set)
     server.take_address()
     try:
