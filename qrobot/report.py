@@ -61,9 +61,17 @@ class ReportHandler(logging.Handler):
         self._report = report
 
     def emit(self, record: logging.LogRecord) -> None:
-        """Tell one record, as it came where its words and values do not fit together."""
+        """Tell one record, as it came where its words cannot be made, by its place where it has none at all."""
         try:
             line = self.format(record)
-        except (TypeError, ValueError, KeyError):
-            line = f"{record.msg} {record.args}"
+        except Exception:  # whatever the words of its values raise: who logs must go on
+            line = _as_it_came(record)
         self._report(line)
+
+
+def _as_it_came(record: logging.LogRecord) -> str:
+    """Words and values of a record, or its place where those cannot be written either."""
+    try:
+        return f"{record.msg} {record.args}"
+    except Exception:
+        return f"{record.filename}: line {record.lineno} logs what cannot be written"

@@ -77,3 +77,29 @@ def test_what_a_process_logs_is_told_also_where_words_and_values_do_not_fit_toge
     log.info("%s has gone", "127.0.0.1:5")
     log.info("%d has gone", "no number")
     assert told == ["127.0.0.1:5 has gone", "%d has gone ('no number',)"]
+
+
+class Wordless:
+    """Has no words of its own, or none at all."""
+
+    def __init__(self, told: str) -> None:
+        self._told = told
+
+    def __str__(self) -> str:
+        raise RuntimeError("no words")
+
+    def __repr__(self) -> str:
+        if not self._told:
+            raise AttributeError("no name")
+        return self._told
+
+
+def test_a_record_whose_words_cannot_be_had_is_told_by_its_place_and_raises_nothing() -> None:
+    told: list[str] = []
+    log = logging.Logger("some library")
+    log.addHandler(ReportHandler(told.append))
+    log.info("%s has gone", Wordless("a client"))
+    log.info("%s has gone", Wordless(""))
+    log.info(Wordless(""))
+    assert told[0] == "%s has gone (a client,)"
+    assert [line.partition(" ")[0] for line in told[1:]] == ["test_report.py:"] * 2
