@@ -32,6 +32,7 @@ from qrobot.realtime.shared_memory import segment_path
 from qrobot.servo.memory.servo_memory import create_servo_memory, servo_info
 from qrobot.servo.memory.telemetry import TelemetryLayout, append_row
 from tests.support.log_samples import FullDisk, make_header, make_rows
+from tests.support.patience import wait_until
 
 
 @pytest.fixture
@@ -247,7 +248,7 @@ def test_record_outlives_a_full_disk_and_what_it_says_of_it_on_that_disk(
     assert log.status.lost > 0
     assert log.rows.size + log.status.lost == 8000
     assert log.rows["tick"][-1] == 7999
-    assert any("refusals by the disk" in line for line in said)
+    wait_until(lambda: any("refusals by the disk" in line for line in said), "the line about the disk")
 
 
 def wait_for(path: Path, size: int, patience_s: float = 60.0) -> bool:
