@@ -21,10 +21,15 @@ class QueuedReport:
 
     For processes that move an arm or keep it safe. Neither a terminal that is held (Ctrl-S) nor a full disk behind a
     redirected stderr may make them wait or end; a line that cannot be written is lost.
+
+    Args:
+        report: writes one line.
+        begin: called first in that thread. A real-time thread that runs Python gives it its own priority here: it waits
+            for the interpreter's lock, which the writing of a line holds.
     """
 
-    def __init__(self, report: Report) -> None:
-        self._report = report
+    def __init__(self, report: Report, begin: Callable[[], object] = lambda: None) -> None:
+        self._report, self._begin = report, begin
         self._lines = SimpleQueue[str | None]()
         self._thread = threading.Thread(target=self._write, name="report", daemon=True)
         self._thread.start()
@@ -40,6 +45,7 @@ class QueuedReport:
         self._thread.join(LAST_LINES_S)
 
     def _write(self) -> None:
+        self._begin()
         while (line := self._lines.get()) is not None:
             with contextlib.suppress(Exception, SystemExit):  # Rich exits when nobody reads stderr any more
                 self._report(line)

@@ -49,7 +49,7 @@ def bridge(deployment: str = DEFAULT_DEPLOYMENT, *, arm: str | None = None, port
         round(choice.period_ms * 1000),
         link=_maybe_link(choice.link),
     )
-    with QueuedReport(note) as told:  # its thread begins here, at the priority of an ordinary program
+    with QueuedReport(note, lambda: set_fifo(PRIORITY)) as told:  # frames wait for the lock that its thread may hold
         logging.basicConfig(level=logging.INFO, format="%(message)s", handlers=[ReportHandler(told)])
         warm_up()
         freeze_garbage()  # a search among all modules' objects would hold up frames

@@ -5,6 +5,7 @@ from __future__ import annotations
 import signal
 from contextlib import closing
 from types import FrameType
+from typing import Final
 
 from qrobot.cli.arms import DEFAULT_DEPLOYMENT, card_of_arm, choose_arm
 from qrobot.cli.console import note
@@ -12,6 +13,7 @@ from qrobot.cli.option_types import Seconds
 from qrobot.report import QueuedReport
 
 LINGER_S = 5.0
+LINES_PRIORITY: Final = 30  # below board and servo, above ordinary programs: the watch waits for a lock that lines hold
 
 
 def guardian(deployment: str = DEFAULT_DEPLOYMENT, *, arm: str | None = None, linger: Seconds = LINGER_S) -> None:
@@ -28,7 +30,7 @@ def guardian(deployment: str = DEFAULT_DEPLOYMENT, *, arm: str | None = None, li
     linger
         Seconds to wait for a dead servo to be restarted.
     """
-    from qrobot.realtime.setup import insist_on, leave_fifo
+    from qrobot.realtime.setup import insist_on, leave_fifo, set_fifo
     from qrobot.realtime.startup_order import await_turn
     from qrobot.servo.process.guardian import Guardian, prepare, warm_up
 
@@ -37,7 +39,7 @@ def guardian(deployment: str = DEFAULT_DEPLOYMENT, *, arm: str | None = None, li
     await_turn()
     arm_name, timeout_ms, card = chosen.name, chosen.servo.guardian_timeout_ms, card_of_arm(chosen)
     with (
-        QueuedReport(note) as told,
+        QueuedReport(note, lambda: set_fifo(LINES_PRIORITY)) as told,
         closing(Guardian(arm_name, timeout_ms, told, card, slips=chosen.board.slips)) as watcher,
     ):
 

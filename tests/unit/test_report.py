@@ -58,6 +58,17 @@ def test_the_end_does_not_wait_for_ever(monkeypatch: pytest.MonkeyPatch) -> None
     terminal.free.set()
 
 
+def test_the_thread_gets_ready_itself_before_its_first_line() -> None:
+    done: list[tuple[str, str]] = []
+
+    def take(what: str) -> None:
+        done.append((threading.current_thread().name, what))
+
+    with QueuedReport(take, lambda: take("ready")) as told:
+        told("one")
+    assert done == [("report", "ready"), ("report", "one")]
+
+
 @pytest.mark.parametrize(
     "error", [OSError(errno.ENOSPC, "No space left on device"), SystemExit(1), ZeroDivisionError()]
 )

@@ -9,15 +9,18 @@ from pathlib import Path
 import pytest
 
 from qrobot.cli.console import run_app
+from qrobot.cli.guardian import LINES_PRIORITY
 from qrobot.cli.main import make_app
 from qrobot.realtime.setup import SetupStep
 from qrobot.report import Report
+from tests.support.patience import wait_until
 from tests.support.processes import write_deployment
 
 
 def test_lines_that_a_full_disk_refuses_end_no_guardian(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     done: list[str] = []
     tried: list[str] = []
+    asked: list[int] = []
 
     class Pretence:
         def __init__(self, _arm: str, _timeout_ms: float, report: Report, *_: object, **__: object) -> None:
@@ -35,6 +38,7 @@ def test_lines_that_a_full_disk_refuses_end_no_guardian(tmp_path: Path, monkeypa
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     monkeypatch.setattr("qrobot.cli.guardian.note", note)
+    monkeypatch.setattr("qrobot.realtime.setup.set_fifo", asked.append)
     monkeypatch.setattr("qrobot.cli.guardian.signal.signal", lambda *_: None)
     monkeypatch.setattr("qrobot.servo.process.guardian.Guardian", Pretence)
     monkeypatch.setattr("qrobot.servo.process.guardian.warm_up", lambda: None)
@@ -43,4 +47,5 @@ def test_lines_that_a_full_disk_refuses_end_no_guardian(tmp_path: Path, monkeypa
     )
     assert run_app(make_app("guardian"), ["guardian", str(write_deployment(tmp_path))]) == 0
     assert done == ["watch", "close"]
-    assert len(tried) == 3
+    wait_until(lambda: len(tried) == 3, "what it was asked for, and both lines")
+    assert asked == [LINES_PRIORITY]  # the watch waits for nobody whom an ordinary program keeps from running
