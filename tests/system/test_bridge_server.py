@@ -15,7 +15,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from itertools import product
 from pathlib import Path
@@ -33,6 +33,7 @@ from qrobot.wire import Bye, ClientRole, Command, ErrorCode, Hello, JointMode, S
 from tests.support.bridge import COMMANDER, OBSERVER, Bridge, Client
 from tests.support.fake_port import FakePort
 from tests.support.flood import flood
+from tests.support.full_pipe import fill
 from tests.support.patience import PATIENCE_S, wait_until
 from tests.support.processes import FIRST_START_S, qrobot, write_deployment
 from tests.support.signals import default_signals
@@ -347,13 +348,3 @@ def test_a_terminal_that_is_held_holds_up_no_client(tmp_path: Path) -> None:
         process.terminate()
         terminal.read()
     assert process.returncode == 0
-
-
-def fill(pipe: int) -> None:
-    """Write until the next byte would wait for somebody to read."""
-    os.set_blocking(pipe, False)
-    for size in (65_536, 1):
-        with suppress(BlockingIOError):
-            while True:
-                os.write(pipe, bytes(size))
-    os.set_blocking(pipe, True)
