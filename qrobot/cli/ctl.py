@@ -35,6 +35,7 @@ PATH_WAITS: Final = (
     "A program waits to go back to its path: put right what stopped the arm, look that nothing is in between, "
     "then `qrobot ctl resume`."
 )
+_LAW: Final = f"{LAW_NAMES}."
 
 app = App(name="ctl", help=HELP, help_format="plaintext", group_commands="Commands")
 
@@ -282,7 +283,7 @@ def tare(*, where: Where | None = None) -> int:
 
 @app.command
 def law(
-    name: Annotated[str, Parameter(help=f"{LAW_NAMES}.")],
+    name: Annotated[str, Parameter(help=_LAW)],
     *,
     set: Annotated[list[str] | None, Parameter(consume_multiple=True)] = None,
     where: Where | None = None,

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from qrobot.rig.demo_criteria import Verdict
     from qrobot.rig.experiment import ExperimentRun, Result
 
+_LAW: Final = f"Another control law: {LAW_NAMES}."
 COMPARED_LAW: Final = "pd"
 """Which the paper compares its own with."""
 
@@ -31,7 +32,7 @@ def demo(
     lockstep: bool = False,
     rate: Literal[1000, 2000, 4000] | None = None,
     plant: Literal["nominal", "mismatched"] | None = None,
-    law: Annotated[str | None, Parameter(help=f"Another control law: {LAW_NAMES}.")] = None,
+    law: Annotated[str | None, Parameter(help=_LAW)] = None,
     velocity: Velocity | None = None,
     interpolation: Interpolation | None = None,
     deployment: str = DEFAULT_DEPLOYMENT,

@@ -32,6 +32,8 @@ if TYPE_CHECKING:
     from qrobot.log.header import LogHeader
     from qrobot.servo.memory.servo_memory import ServoInfo
 
+_LAW = f"Control law, overriding the file's: {LAW_NAMES}; in the file it is from that file's."
+
 app = App(name="servo", help_format="plaintext", group_commands="Commands")
 
 
@@ -41,10 +43,7 @@ def servo(
     *,
     arm: str | None = None,
     rate: RateHz | None = None,
-    law: Annotated[
-        str | None,
-        Parameter(help=f"Control law, overriding the file's: {LAW_NAMES}; in the file it is from that file's."),
-    ] = None,
+    law: Annotated[str | None, Parameter(help=_LAW)] = None,
     model: str | None = None,
     velocity: Velocity | None = None,
     interpolation: Interpolation | None = None,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import re
 import runpy
 from pathlib import Path
@@ -128,3 +129,16 @@ def test_a_program_printed_on_a_page_runs_as_it_is(name: str) -> None:
         exec(compile(program[1], name, "exec"), {})
     assert robot.goodbyes
     assert np.ptp(robot.path, axis=0).max() > 0.5  # it did move
+
+
+def test_signatures_are_such_as_the_pages_of_modules_can_show() -> None:
+    """Those in which an annotation has an f-string are a warning there, and a warning is an error."""
+    found = [
+        f"{path.relative_to(ROOT)}:{part.lineno}"
+        for path in sorted((ROOT / "qrobot").rglob("*.py"))
+        for function in ast.walk(ast.parse(path.read_text()))
+        if isinstance(function, ast.FunctionDef | ast.AsyncFunctionDef)
+        for part in ast.walk(function.args)
+        if isinstance(part, ast.JoinedStr)
+    ]
+    assert found == []
