@@ -34,11 +34,23 @@ def interrupts_deferred() -> Iterator[None]:
 
 @contextmanager
 def interrupted_by_signals() -> Iterator[None]:
-    """SIGTERM, and SIGHUP of a closed terminal, raise KeyboardInterrupt, as SIGINT does. From the main thread."""
+    """SIGTERM, and SIGHUP of a closed terminal, raise KeyboardInterrupt, as SIGINT does. From the main thread.
+
+    Both may come together, as at the end of a session of systemd: then the second, which would tear what the first has
+    begun to take down, does not. Either that comes again does.
+    """
+    came: set[int] = set()
+
+    def interrupt(number: int, frame: FrameType | None) -> None:
+        first_beside_the_other = bool(came) and number not in came
+        came.add(number)
+        if not first_beside_the_other:
+            signal.default_int_handler(number, frame)
+
     before = {number: signal.getsignal(number) for number in INTERRUPTS[1:]}
     for number, handler in before.items():
         if handler is not signal.SIG_IGN:  # nohup has ignored SIGHUP
-            signal.signal(number, signal.default_int_handler)
+            signal.signal(number, interrupt)
     try:
         yield
     finally:

@@ -10,8 +10,9 @@ from pathlib import Path
 
 import pytest
 
-from qrobot.rig.interrupts import interrupts_deferred
+from qrobot.rig.interrupts import interrupted_by_signals, interrupts_deferred
 from qrobot.rig.processes import Child, ProcessPlan, ProcessRig
+from tests.support.signals import at_once, default_signals
 
 REPORT = "import signal; print(signal.getsignal(signal.SIGTERM) == signal.SIG_DFL)"
 
@@ -37,6 +38,26 @@ def test_without_one_everything_is_as_before() -> None:
         process = subprocess.run([sys.executable, "-c", REPORT], check=True, stdout=subprocess.PIPE, text=True)
     assert process.stdout == "True\n"
     assert [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)] == before
+
+
+def test_what_comes_together_interrupts_once_and_what_comes_again_does_again() -> None:
+    """A session that is closed may send both signals: what takes down after the first is not torn by the second."""
+    taken_down = list[signal.Signals]()
+
+    def meet(*numbers: signal.Signals) -> None:
+        try:
+            at_once(*numbers)
+        finally:
+            take_down(numbers[-1])
+
+    def take_down(number: signal.Signals) -> None:
+        taken_down.append(number)
+
+    with default_signals(signal.SIGTERM, signal.SIGHUP), interrupted_by_signals():
+        for numbers in ((signal.SIGTERM, signal.SIGHUP), (signal.SIGTERM,), (signal.SIGHUP,)):
+            with pytest.raises(KeyboardInterrupt):
+                meet(*numbers)
+    assert taken_down == [signal.SIGHUP, signal.SIGTERM, signal.SIGHUP]
 
 
 def test_a_process_that_was_being_started_when_ctrl_c_came_is_ended_with_the_rest(
