@@ -104,12 +104,12 @@ def _power_on(mailbox: ServoMailbox, wait: Wait, before: ServoSnapshot) -> int:
         mailbox.request_calibration()
     mailbox.request_power(False)
     wait(FORGET_S)
-    began = mailbox.snapshot()
     mailbox.request_power(True)
+    asked = mailbox.snapshot()  # behind the request, of which the next cycle but one has heard for certain
     state = _until(
         mailbox,
         wait,
-        lambda state: state.mode in POWERED or (state.event != 0 and state.tick > began.tick + 1),
+        lambda state: state.mode in POWERED or (state.event != 0 and state.tick > asked.tick + 1),
         POWER_PATIENCE_S,
     )
     if state.mode not in POWERED:

@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+import signal
+
 import numpy as np
 import pytest
 
 from qrobot.errors import ConfigError, LinkTimeout, ServoFault
 from qrobot.faultcodes import NO_JOINT, FaultCode
 from qrobot.modecodes import Mode
+from qrobot.rig.interrupts import interrupted_by_signals
 from qrobot.servo.calibration.state import Stage
 from qrobot.servo.memory.published_state import FLAG_CALIBRATED
 from qrobot.servo.operator.calibration_client import run_calibration
 from qrobot.sim_board.emulator import Emulator
 from qrobot.sim_board.faults import FaultPlan
 from tests.support.calibrating import PUMA, CalibratingRig, random_pose
+from tests.support.signals import at_once, default_signals
 
 
 def refused(rig: CalibratingRig, code: FaultCode, joint: int) -> None:
@@ -437,6 +441,32 @@ def test_the_client_does_not_wait_for_a_servo_that_has_died() -> None:
     with pytest.raises(LinkTimeout, match="the servo does not run any more"):
         run_calibration(rig.mailbox, wait)
     assert 1.0 < waited_s[0] < 2.0
+
+
+def test_both_signals_of_a_session_that_is_closed_stop_a_calibration_that_was_under_way() -> None:
+    rig = CalibratingRig().calibrating()
+    with default_signals(signal.SIGTERM, signal.SIGHUP), interrupted_by_signals(), pytest.raises(KeyboardInterrupt):
+        run_calibration(rig.mailbox, lambda _seconds: at_once(signal.SIGTERM, signal.SIGHUP))
+    rig.run_for(0.5)
+    refused(rig, FaultCode.CAL_STOPPED, 0)
+
+
+def test_what_stopped_the_last_calibration_does_not_refuse_the_next(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its process may be kept from running for some cycles at any place."""
+    rig = CalibratingRig().calibrating()
+    rig.mailbox.request_stop()
+    rig.run_for(0.1)
+    rig.mailbox.request_power(False)
+    rig.run_for(1.0)
+    assert (rig.mode, rig.event) == (Mode.OFF, (FaultCode.CAL_STOPPED, 0))
+    request_power = rig.mailbox.request_power
+
+    def late(on: bool) -> None:
+        rig.ticks(3)
+        request_power(on)
+
+    monkeypatch.setattr(rig.mailbox, "request_power", late)
+    assert rig.calibrate(3).votes == [3] * PUMA.n
 
 
 @pytest.mark.parametrize("indexes", [1, 2, 15, -3])
