@@ -174,7 +174,10 @@ class ProcessRig:
             file.close()
 
     def _empty_output(self, plan: ProcessPlan) -> None:
-        """Begin its output file; it is locked while this rig, or a process of it, has it open."""
+        """Begin its output file; it is locked while this rig, or a process of it, has it open.
+
+        Where its file system knows no locks, as NFS and FUSE may, that another one starts is seen later: `_wait_for`.
+        """
         if plan.name not in self._outputs:
             file = (self.directory / f"{plan.name}.txt").open("ab")
             try:
@@ -184,6 +187,8 @@ class ProcessRig:
                 raise LinkBusy(
                     f"{plan.name} is not started: another process starts it, or runs, and writes to {file.name}"
                 ) from None
+            except OSError:
+                pass
             self._outputs[plan.name] = file
         self._outputs[plan.name].truncate(0)
 

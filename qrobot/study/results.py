@@ -96,10 +96,13 @@ def open_results(path: Path, terms: ArmResult) -> Iterator[tuple[ResultsWriter, 
 
 
 def _own(file: TextIO, path: Path) -> None:
+    """Lock it against another run, where its file system knows locks."""
     try:
         fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError as error:
+    except BlockingIOError as error:
         raise ConfigError(f"another run is writing to {path}: wait for it, or name another file") from error
+    except OSError:
+        pass
 
 
 def _go_on(file: TextIO, path: Path, terms: ArmResult) -> frozenset[int]:

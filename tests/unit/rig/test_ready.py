@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import errno
+import fcntl
 import os
 import socket
 import subprocess
@@ -73,6 +75,20 @@ def test_what_another_rig_has_begun_is_not_begun_beside_it_and_keeps_its_output(
         assert "its words" in first.children["board"].output.read_text()
     with ProcessRig(tmp_path) as third:
         third.start(plan)
+
+
+@pytest.mark.parametrize("number", [errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP])
+def test_where_the_folder_of_the_output_knows_no_locks_processes_start_all_the_same(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, number: int
+) -> None:
+    def no_locks(_file: object, _operation: int) -> None:
+        raise OSError(number, os.strerror(number))
+
+    with ProcessRig(tmp_path) as rig:
+        monkeypatch.setattr(fcntl, "flock", no_locks)
+        rig.start(ProcessPlan("board", ["board", "--help"]))
+        monkeypatch.undo()
+        assert rig.children["board"].process.pid
 
 
 def test_what_a_killed_board_has_left_does_not_make_the_next_one_ready(dead: int) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import errno
+import fcntl
 import json
 from pathlib import Path
 
@@ -80,6 +82,16 @@ def test_two_runs_do_not_write_to_one_file(tmp_path: Path) -> None:
         open_results(path, TERMS),
     ):
         pass
+
+
+def test_where_the_folder_knows_no_locks_results_are_written_all_the_same(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def no_locks(_file: object, _operation: int) -> None:
+        raise OSError(errno.ENOLCK, "no locks available")
+
+    monkeypatch.setattr(fcntl, "flock", no_locks)
+    assert [outcome["seed"] for outcome in read_results(written(tmp_path / "r.jsonl", 0)).outcomes] == [0]
 
 
 @pytest.mark.parametrize("text", ["", "hello\n", "[1]\n", '{"a":1}\n', '{"study":"gains"}\n{"x":1}\n', "{}\n{}\n"])
