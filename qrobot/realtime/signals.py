@@ -8,10 +8,12 @@ import select
 import signal
 import threading
 from collections.abc import Callable, Iterator
+from time import monotonic
 from types import FrameType
 from typing import Final
 
 TERMINATED: Final = 143  # exit status of a command that SIGTERM has ended: 128 + SIGTERM, as shells have it
+NEEDED_S: Final = 0.05  # from one question whether a process is still needed to the next
 _FULL = BlockingIOError  # the pipe holds more than anybody needs to be woken
 
 
@@ -26,6 +28,7 @@ class SignalEvent(threading.Event):
         super().__init__()
         self._happened = False
         self._needed: Callable[[], bool] | None = None
+        self._ask_s = 0.0
         self._reads, self._writes = os.pipe2(os.O_NONBLOCK | os.O_CLOEXEC)
 
     def set(self) -> None:
@@ -35,13 +38,18 @@ class SignalEvent(threading.Event):
             os.write(self._writes, b"!")
 
     def set_unless(self, needed: Callable[[], bool]) -> None:
-        """Let it happen at the first look, the end of a `wait` included, at which `needed` is not true any more."""
+        """Let it happen at a look, the end of a `wait` included, that finds `needed` not true any more.
+
+        Looks ask at most every NEEDED_S: what they ask may take files and locks.
+        """
         self._needed = needed
 
     def is_set(self) -> bool:
         """Whether it has happened."""
-        if not self._happened and self._needed is not None and not self._needed():
-            self.set()
+        if not self._happened and self._needed is not None and (now_s := monotonic()) >= self._ask_s:
+            self._ask_s = now_s + NEEDED_S
+            if not self._needed():
+                self.set()
         return self._happened
 
     def wait(self, timeout: float | None = None) -> bool:
@@ -60,8 +68,7 @@ class SignalEvent(threading.Event):
 def set_on_signals(needed: Callable[[], bool] | None = None) -> Iterator[threading.Event]:
     """An event that SIGTERM, SIGINT, and SIGHUP of a closed terminal set; outside the block they do what they did.
 
-    While this process is `needed`, SIGHUP waits, and counts at the first look later; then waits need a limit. For the
-    main thread.
+    While this process is `needed`, SIGHUP waits, and counts soon after; then waits need a limit. For the main thread.
     """
     done = SignalEvent()
 

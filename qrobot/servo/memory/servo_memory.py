@@ -23,7 +23,7 @@ import numpy as np
 
 from qrobot.arrays import Floats, Words
 from qrobot.config.outputs import N_ANALOG_OUTPUTS
-from qrobot.errors import ConfigError, LinkError
+from qrobot.errors import ConfigError, LinkError, LinkMismatch
 from qrobot.hwif.registers import N_ENCODERS
 from qrobot.printable import printable
 from qrobot.realtime.shared_memory import MAGIC_VALUE, SegmentHeader, SharedMemory
@@ -307,10 +307,15 @@ def attach_servo_memory(arm: str) -> ServoSegment:
 
 
 def arm_is_driven(arm: str) -> bool:
-    """A living servo of `arm` drives it, or has not seen yet that its board has taken torque and power away."""
+    """A living servo of `arm` drives it, or has not seen yet that its board has taken torque and power away.
+
+    A living one of other code may.
+    """
     try:
         with attach_servo_memory(arm) as segment:
             return segment.owner_alive and bool(segment.front.heartbeat.armed)
+    except LinkMismatch:
+        return True
     except LinkError:
         return False
 

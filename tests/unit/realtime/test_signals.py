@@ -7,7 +7,9 @@ import signal
 import subprocess
 import sys
 
-from qrobot.realtime.signals import SignalEvent, set_on_signals
+import pytest
+
+from qrobot.realtime.signals import NEEDED_S, SignalEvent, set_on_signals
 from tests.support.patience import PATIENCE_S
 from tests.support.signals import default_signals
 
@@ -47,7 +49,11 @@ def test_either_signal_ends_a_wait_without_a_limit_and_then_does_what_it_did_bef
     assert signal.getsignal(signal.SIGTERM) is before
 
 
-def test_a_terminal_that_is_closed_ends_a_wait_once_the_process_is_not_needed_any_more() -> None:
+def test_a_terminal_that_is_closed_ends_a_wait_once_the_process_is_not_needed_any_more(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    now = [0.0]
+    monkeypatch.setattr("qrobot.realtime.signals.monotonic", lambda: now[0])
     with default_signals(signal.SIGHUP):
         with set_on_signals() as done:
             os.kill(os.getpid(), signal.SIGHUP)
@@ -62,11 +68,33 @@ def test_a_terminal_that_is_closed_ends_a_wait_once_the_process_is_not_needed_an
             assert not done.wait(0.0)
             assert not done.is_set()
             needed[0] = False
+            now[0] += NEEDED_S
             assert done.wait(0.0)
             needed[0] = True
             assert done.is_set()
             assert done.wait()
         assert signal.getsignal(signal.SIGHUP) is signal.SIG_DFL
+
+
+def test_whether_the_process_is_needed_is_asked_now_and_then_not_at_each_look(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It takes files and locks, and loops of a millisecond look twice a round."""
+    now, asked = [5.0], list[float]()
+
+    def needed() -> bool:
+        asked.append(now[0])
+        return True
+
+    monkeypatch.setattr("qrobot.realtime.signals.monotonic", lambda: now[0])
+    event = SignalEvent()
+    event.set_unless(needed)
+    for _ in range(100):
+        assert not event.is_set()
+        assert not event.wait(0.0)
+    now[0] += NEEDED_S
+    assert not event.wait(0.0)
+    assert not event.is_set()
+    assert asked == [5.0, 5.0 + NEEDED_S]
+    event.close()
 
 
 def test_a_process_under_nohup_stays_when_its_terminal_is_closed() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 import time
 
 import numpy as np
@@ -16,6 +17,8 @@ from qrobot.servo.memory.mailbox import ServoMailbox
 from qrobot.servo.memory.published_state import ROWS, publish_state, state_dtype
 from qrobot.servo.memory.servo_memory import (
     MAX_JOINTS,
+    arm_is_driven,
+    create_servo_memory,
     describe_servo,
     local_servo_memory,
     memory_words,
@@ -185,3 +188,14 @@ def test_a_servo_that_died_while_writing_is_an_error_and_not_a_torn_state() -> N
     box.memory.published.sequence += 1
     with pytest.raises(LinkError, match="died while writing"):
         box.snapshot()
+
+
+@pytest.mark.parametrize("field", ["layout", "digest"])
+def test_a_living_servo_of_other_code_may_drive_the_arm(field: str) -> None:
+    """Its board stays beside it; whether it drives cannot be read."""
+    arm = f"othercode{os.getpid()}"
+    with create_servo_memory(arm, "puma560", "pd", 6, 1_000_000, 16) as servo:
+        assert not arm_is_driven(arm)
+        setattr(servo.header, field, getattr(servo.header, field) + 1)
+        assert arm_is_driven(arm)
+    assert not arm_is_driven(arm)
