@@ -7,7 +7,7 @@ import runpy
 import sys
 import traceback as python_traceback
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Final
@@ -302,17 +302,28 @@ def bridge_links(arm: DeployedArm) -> LinkFactory:
     A bridge that the environment names may be another arm's, whose fences and outputs are not these: it is told, and
     does not count.
     """
-    from qrobot.rci import TcpLink, bridge_address
+    from qrobot.rci import TcpLink
     from qrobot.rci.tcp import BRIDGE_VARIABLE
     from qrobot.realtime.startup_order import await_turn
 
     await_turn()
     address = arm.bridge.host, arm.bridge.port
     named, own = os.environ.get(BRIDGE_VARIABLE), "{}:{}".format(*address)
-    if named and bridge_address(named) != address:
+    if named and not _leads_to(named, address):
         note(f"{BRIDGE_VARIABLE} is {named}, but the bridge of {arm.name} is {own}, as its deployment file says")
     os.environ[BRIDGE_VARIABLE] = own
     return lambda hello: TcpLink(hello, address)
+
+
+def _leads_to(named: str, address: tuple[str, int]) -> bool:
+    """True when `named` is this address, `localhost` or not; False for what is no address."""
+    from qrobot.rci import bridge_address
+    from qrobot.rci.tcp import LOCALHOST
+
+    with suppress(ConfigError):
+        (host, port), names = bridge_address(named), {"localhost": LOCALHOST}
+        return (names.get(host, host), port) == (names.get(address[0], address[0]), address[1])
+    return False
 
 
 def offline_links(arm: DeployedArm, start: str | None = None) -> LinkFactory:

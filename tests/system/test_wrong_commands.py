@@ -10,6 +10,7 @@ import pytest
 
 from qrobot.cli.console import run_app
 from qrobot.cli.main import make_app
+from qrobot.cli.run import bridge_links
 from qrobot.config.deployment import load_deployment
 from tests.support.processes import free_port, write_deployment
 
@@ -104,6 +105,7 @@ def test_a_program_without_a_bridge_is_told_how_to_start_one(
     assert "qrobot up" in complaint_of(capsys, "run", "--deployment", deployment, program)
 
 
+@pytest.mark.parametrize("other", ["127.0.0.1:{}", "robot:abc", "localhost:5600:"])
 @pytest.mark.parametrize(
     ("command", "name", "text"),
     [(["run"], "program.py", PROGRAM), (["val", "run"], "program.v2", ".PROGRAM main\n READY\n.END\n")],
@@ -116,8 +118,9 @@ def test_the_arm_of_the_deployment_file_is_moved_whatever_bridge_the_shell_names
     command: list[str],
     name: str,
     text: str,
+    other: str,
 ) -> None:
-    own, other = f"127.0.0.1:{load_deployment(str(deployment)).arm[0].bridge.port}", f"127.0.0.1:{free_port()}"
+    own, other = f"127.0.0.1:{load_deployment(str(deployment)).arm[0].bridge.port}", other.format(free_port())
     monkeypatch.setenv("QROBOT_BRIDGE", other)
     program = tmp_path / name
     program.write_text(text)
@@ -127,3 +130,13 @@ def test_the_arm_of_the_deployment_file_is_moved_whatever_bridge_the_shell_names
     assert other in told
     assert f"no bridge at {own}" in complaint
     assert os.environ["QROBOT_BRIDGE"] == own
+
+
+@pytest.mark.parametrize("named", ["localhost:{}", ":{}", "127.0.0.1:{}"])
+def test_the_bridge_of_the_deployment_file_by_any_of_its_names_is_not_told_of(
+    deployment: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, named: str
+) -> None:
+    arm = load_deployment(str(deployment)).arm[0]
+    monkeypatch.setenv("QROBOT_BRIDGE", named.format(arm.bridge.port))
+    bridge_links(arm)
+    assert capsys.readouterr().err == ""
