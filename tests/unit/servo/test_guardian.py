@@ -49,6 +49,7 @@ from tests.support.servo_bench import ServoBench, moving, writes_at
 TIMEOUT_NS = 5_000_000
 FAR_NS = 3600_000_000_000
 BEATS = 50
+SILENT_MS, PATIENT_MS = 300.0, 2000.0  # bound of a guardian that is to trip, and of one that is not to
 OPERATIONS = np.zeros((LANE_CAPACITY, OP_FIELDS), dtype=np.int64)
 LANES = np.zeros(len(OPERATIONS), np.int64)
 NO_CARD_WORDS = make_card(NO_CARD)
@@ -283,7 +284,7 @@ def test_asked_to_end_beside_a_silent_servo_it_makes_the_board_safe_first(beats:
                 servo.front.heartbeat.t_ns = monotonic_now()
 
         servo.front.heartbeat.armed, servo.front.heartbeat.t_ns = 1, monotonic_now()
-        guardian = Guardian(name, 300.0)
+        guardian = Guardian(name, SILENT_MS if trips else PATIENT_MS)
         guardian.stop[0] = 1
         with beside(board_and_servo):
             guardian.run(5.0)
@@ -311,7 +312,7 @@ def test_when_its_terminal_is_closed_it_stays_until_the_servo_has_stopped_the_ar
                 assert not arm_is_driven(name)
 
         servo.front.heartbeat.armed, servo.front.heartbeat.t_ns = 1, monotonic_now()
-        guardian = Guardian(name, 300.0)
+        guardian = Guardian(name, SILENT_MS if trips else PATIENT_MS)
         guardian.hang_up()
         with beside(board_and_servo):
             guardian.run(5.0)
