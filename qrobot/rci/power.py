@@ -70,7 +70,9 @@ class PowerUp:
             case Mode.OFF:
                 self._ask(robot, chg)
             case Mode.UNCALIBRATED:
-                raise MotionError("the arm has power but is not calibrated: its joint angles are unknown")
+                raise MotionError(
+                    "the arm has power but is not calibrated: its joint angles are unknown until `qrobot calibrate`"
+                )
             case _:  # powering, or coming to rest after somebody else's program
                 chg.power = True
         return robot.mode == Mode.HOLDING

@@ -23,7 +23,7 @@ from qrobot.modecodes import Mode
 from qrobot.servo.memory.commander_lock import Authority
 from qrobot.servo.operator.client import ServoClient
 from tests.support.patience import PATIENCE_S, wait_until
-from tests.support.processes import RunningArm, qrobot
+from tests.support.processes import RunningArm, qrobot, write_deployment
 from tests.support.signals import default_signals
 
 pytestmark = pytest.mark.realtime
@@ -137,8 +137,8 @@ def test_a_servo_whose_terminal_is_closed_puts_the_arm_away(arm: RunningArm) -> 
     arm.processes.start("servo")
 
 
-def test_without_a_servo_the_command_says_what_to_start() -> None:
-    process = qrobot("ctl", "status", "--deployment", "emulator")
+def test_without_a_servo_the_command_says_what_to_start(tmp_path: Path) -> None:
+    process = qrobot("ctl", "status", "--deployment", write_deployment(tmp_path))
     _, complaint = process.communicate(timeout=PATIENCE_S)
     assert process.returncode == 1
     assert "start it with" in complaint

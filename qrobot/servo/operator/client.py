@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import socket
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from types import TracebackType
 from typing import Final
 
 from qrobot.errors import LinkError, LinkLost, LinkTimeout, QRobotError
 from qrobot.realtime.deadline import Deadline, sleep_between_looks
 from qrobot.realtime.runtime_folder import runtime_path
+from qrobot.servo.memory.servo_memory import attach_servo_memory
 from qrobot.servo.operator.messages import (
     MAX_LINE_BYTES,
     Calibrate,
@@ -38,6 +40,7 @@ from qrobot.servo.operator.messages import (
 from qrobot.servo.operator.sockets import arms_that_run, connect_to_servo
 
 TIMEOUT_S: Final = 30.0
+AT_ONCE_S: Final = 6.0  # [A] with an answer to what a servo does whatever else it is asked: stop, power-off, status
 COMPILE_PATIENCE_S: Final = 300.0  # with a law that has to be compiled, on a busy machine
 POWER_PATIENCE_S: Final = 6.0
 STOP_PATIENCE_S: Final = 6.0
@@ -52,6 +55,18 @@ def _nobody(arm: str) -> str:
     if not (others := arms_that_run()):
         return told
     return f"{told}; servos of {', '.join(others)} run: --arm chooses one, of the file that --deployment names"
+
+
+def _silence(arm: str) -> str:
+    """Sentence about a servo that hangs, with what its guardian has done meanwhile."""
+    told = f"the servo of {arm} does not answer"
+    with suppress(LinkError):
+        memory = attach_servo_memory(arm)
+        taken_over = bool(memory.front.guardian.takeover)
+        memory.close()
+        if taken_over:
+            return f"{told}; its guardian has taken torque and power away"
+    return f"{told}: press the emergency stop if the arm moves"
 
 
 class ServoClient:
@@ -79,11 +94,11 @@ class ServoClient:
 
     def status(self) -> ServoStatus:
         """Status of the servo."""
-        return self._ask(StatusRequest())
+        return self._ask(StatusRequest(), AT_ONCE_S)
 
     def fences(self) -> tuple[FenceStatus, ...]:
         """Fences that the servo guards, and how far off each is; none at all for an arm without fences."""
-        return self._reply(FencesRequest()).fences or ()
+        return self._reply(FencesRequest(), AT_ONCE_S).fences or ()
 
     def power_on(self, patience_s: float = POWER_PATIENCE_S) -> ServoStatus:
         """Ask for arm power and wait until the arm is held. Raises QRobotError with what prevents it."""
@@ -95,12 +110,12 @@ class ServoClient:
 
     def power_off(self) -> ServoStatus:
         """Stop the arm, take power away, and wait for it. Raises LinkTimeout when it keeps power."""
-        self._ask(PowerOff())
+        self._ask(PowerOff(), AT_ONCE_S)
         return self._insist(("OFF", "FAULT"))
 
     def stop(self) -> ServoStatus:
         """Stop the arm on its path, and wait until it holds. Raises LinkTimeout when it goes on."""
-        self._ask(StopRequest())
+        self._ask(StopRequest(), AT_ONCE_S)
         return self._insist(("OFF", "POWERING", "UNCALIBRATED", "HOLDING", "FAULT"))
 
     def change_override(self, factor: float) -> ServoStatus:
@@ -215,37 +230,40 @@ class ServoClient:
             connect_to_servo(self.arm, self._socket)
             self._broken_off = False
         except BlockingIOError:  # it hangs, and too many wait for it
-            raise LinkTimeout(f"the servo of {self.arm} does not answer") from None
+            raise LinkTimeout(_silence(self.arm)) from None
         except OSError:
             raise LinkError(_nobody(self.arm)) from None
         finally:
             if self._broken_off:
                 self._socket.close()
 
-    def _ask(self, request: OperatorRequest) -> ServoStatus:
-        reply = self._reply(request)
+    def _ask(self, request: OperatorRequest, most_s: float = TIMEOUT_S) -> ServoStatus:
+        reply = self._reply(request, most_s)
         if reply.status is None:
             raise QRobotError(f"the servo of {self.arm} tells no status")
         return reply.status
 
-    def _reply(self, request: OperatorRequest) -> Reply:
-        """Reply to a request that was done. Raises QRobotError with the servo's words for one that was refused."""
-        reply = decode_reply(self._exchange(encode(request)))
+    def _reply(self, request: OperatorRequest, most_s: float = TIMEOUT_S) -> Reply:
+        """Reply to a request that was done, within `most_s`.
+
+        Raises QRobotError with the servo's words for one that was refused.
+        """
+        reply = decode_reply(self._exchange(encode(request), min(self._patience_s, most_s)))
         if not reply.ok:
             raise QRobotError(reply.error)
         return reply
 
-    def _exchange(self, request: bytes) -> bytes:
+    def _exchange(self, request: bytes, patience_s: float) -> bytes:
         if self._broken_off:
             self._socket.close()
             self._connect()
         self._broken_off = True
         try:
-            self._socket.settimeout(self._patience_s)
+            self._socket.settimeout(patience_s)
             self._socket.sendall(request)
             line = self._line()
         except TimeoutError:
-            raise LinkTimeout(f"the servo of {self.arm} does not answer") from None
+            raise LinkTimeout(_silence(self.arm)) from None
         except OSError:
             self._broken_off = False  # lost for good
             raise LinkLost(f"the servo of {self.arm} has gone") from None

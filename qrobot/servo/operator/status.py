@@ -64,7 +64,7 @@ def servo_status(servo: Controlled, commander: str) -> ServoStatus:
             wire.name: float(snapshot.analog_outputs[wire.output - 1]) for wire in servo.settings.analog_outputs
         },
         force=tuple(None if math.isnan(value) else value for value in snapshot.force.tolist()),
-        override=snapshot.override,
+        override=snapshot.override if snapshot.tick else 1.0,  # before the first cycle nobody has asked for another
         paused=snapshot.paused,
         path_waits=servo.mailbox.path_waits(snapshot.t_ns),
         speed_limit=snapshot.speed_limit,

@@ -42,7 +42,7 @@ from qrobot.servo.laws.law_swap import SwapState
 from qrobot.servo.memory.commander_lock import Authority
 from qrobot.servo.memory.law_history import JournalReader
 from qrobot.servo.memory.mailbox import ServoMailbox
-from qrobot.servo.memory.servo_memory import journal_base
+from qrobot.servo.memory.servo_memory import create_servo_memory, journal_base
 from qrobot.servo.memory.stop_record import Incident, read_incident
 from qrobot.servo.operator import client as client_module
 from qrobot.servo.operator import law_changes, loop_wait
@@ -975,10 +975,25 @@ def test_a_servo_that_takes_no_connection_any_more_runs_and_is_said_not_to_answe
         stack.enter_context(ControlSocket("hung", print, print))  # type: ignore[arg-type]
         for _ in range(MAX_CLIENTS + 1):  # as many as the kernel keeps for whoever listens
             stack.enter_context(ServoClient("hung"))
-        with pytest.raises(LinkTimeout, match="the servo of hung does not answer"):
+        with pytest.raises(LinkTimeout, match="the servo of hung does not answer: press the emergency stop if"):
+            ServoClient("hung")
+        front = stack.enter_context(create_servo_memory("hung", "puma560", "pd", 6, 1_000_000, 16)).front
+        front.guardian.takeover = 1
+        with pytest.raises(LinkTimeout, match="does not answer; its guardian has taken torque and power away"):
             ServoClient("hung")
         assert arms_that_run() == ["hung"]
     shutil.rmtree(memory)
+
+
+@pytest.mark.parametrize("ask", [ServoClient.stop, ServoClient.power_off, ServoClient.status, ServoClient.fences])
+def test_a_servo_that_hangs_is_told_of_sooner_where_it_would_answer_at_once(
+    ask: Callable[[ServoClient], object], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    arm = f"t{uuid.uuid4().hex[:10]}"
+    monkeypatch.setattr(client_module, "AT_ONCE_S", 0.01)
+    silent, told = ControlSocket(arm, print, print), f"the servo of {arm} does not answer"  # type: ignore[arg-type]
+    with silent, ServoClient(arm, 2.0 * PATIENCE_S) as client, pytest.raises(LinkTimeout, match=told):
+        ask(client)
 
 
 def test_whoever_breaks_off_a_request_may_stop_the_arm_by_the_same_client(

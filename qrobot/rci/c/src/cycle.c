@@ -96,7 +96,7 @@ static int is_powered(struct cycle *c, const struct qrobot_state *s, const char 
     else if (s->mode == QROBOT_MODE_FAULT)
         *failed = gave_up(s, "the servo is in a fault");
     else if (s->mode == QROBOT_MODE_UNCALIBRATED)
-        *failed = because("the arm has power but is not calibrated: its joint angles are unknown");
+        *failed = because("the arm has power but is not calibrated: its joint angles are unknown until `qrobot calibrate`");
     else if (s->mode != QROBOT_MODE_OFF)
         c->power = 1; /* powering, or coming to rest after another program */
     else if (c->asked_s < 0.0 || !c->power) { /* power comes on a request that is raised while it is off: low at first */
