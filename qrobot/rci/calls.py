@@ -124,8 +124,11 @@ def rci_close() -> None:
     global _program, _shared  # noqa: PLW0603 (as above)
     program = _program
     if program is not None:
-        _program = _shared = None
-        program.close()
+        _program = None
+        try:
+            program.close()  # until then a function under way finds memory and tasks
+        finally:
+            _shared = None
 
 
 def rci_control(

@@ -11,6 +11,7 @@ from qrobot.config import load_robot
 from qrobot.errors import ConfigError
 from qrobot.rci import TaskState, VirtualLink
 from qrobot.rci.descriptor import MOST_TASKS
+from qrobot.rci.program import RciProgram
 from tests.support.fake_robot import FakeRobot
 from tests.support.rci_tasks import Runs, no_robot, pass_ticks, recorded, virtual_program
 
@@ -157,6 +158,24 @@ def test_an_end_nobody_has_heard_of_is_told_at_the_close() -> None:
         rci.rci_close()
         with pytest.raises(ConfigError, match="call rci_create"):
             rci.rci_start(td.bit)
+
+
+def test_a_function_that_is_under_way_at_the_close_finds_memory(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A task on another thread may be in its function then."""
+    seen, close = [], RciProgram.close
+
+    def closing(program: RciProgram) -> None:
+        seen.append(rci.rci_get_memory("counts").nbytes)
+        close(program)
+
+    monkeypatch.setattr(RciProgram, "close", closing)
+    with virtual_program():
+        rci.rci_create("a")
+        rci.rci_shared_memory("counts", 8)
+        rci.rci_close()
+    assert seen == [8]
+    with pytest.raises(ConfigError, match="there are no tasks"):
+        rci.rci_get_memory("counts")
 
 
 def test_a_start_up_function_that_fails_starts_none_of_the_tasks() -> None:
