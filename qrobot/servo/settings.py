@@ -21,7 +21,7 @@ from qrobot.servo.neighbour import Neighbour
 from qrobot.servo.output_lines import OutputWire
 from qrobot.units import NS_PER_S
 
-LOWEST_RATE_HZ, HIGHEST_RATE_HZ = 100.0, 10_000.0  # [A] whether a machine keeps a rate is found out at start
+LOWEST_RATE_HZ, HIGHEST_RATE_HZ = 50.0, 10_000.0  # [A] whether a machine keeps a rate is found out at start
 FASTEST_TOOL_M_S, LONGEST_TOOL_M = 10.0, 2.0  # [A] beyond these somebody meant another unit
 DEFAULT_TIMEOUT_MS = 5.0  # as hostmot2's watchdog; 120 s of soak on a loaded PC showed 3.2 ms at worst
 
