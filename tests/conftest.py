@@ -7,6 +7,7 @@ import gc
 import os
 import signal
 import sys
+import tempfile
 from collections.abc import Generator, Iterator
 from pathlib import Path
 
@@ -124,3 +125,13 @@ def arcl_alone() -> Iterator[None]:
     forget_programs()
     yield
     forget_programs()
+
+
+@pytest.fixture
+def runtime_folder(monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """A runtime folder of the test's own, in memory: no arm runs there but its own."""
+    from qrobot.realtime.runtime_folder import MEMORY_FOLDER
+
+    with tempfile.TemporaryDirectory(dir=MEMORY_FOLDER) as folder:
+        monkeypatch.setenv("QROBOT_RUNTIME_DIR", folder)
+        yield Path(folder)

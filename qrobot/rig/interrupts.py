@@ -3,12 +3,24 @@
 from __future__ import annotations
 
 import signal
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from types import FrameType
-from typing import Final
+from typing import Final, TypeAlias
 
+Handler: TypeAlias = Callable[[int, FrameType | None], object] | signal.Handlers
 INTERRUPTS: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+
+
+@contextmanager
+def handled(handlers: Mapping[int, Handler]) -> Iterator[None]:
+    """Signals have these handlers in the block, and afterwards those of before. From the main thread."""
+    before = {number: signal.signal(number, handler) for number, handler in handlers.items()}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 @contextmanager
@@ -19,14 +31,8 @@ def interrupts_deferred() -> Iterator[None]:
     """
     came: list[tuple[int, FrameType | None]] = []
     before = {int(number): signal.getsignal(number) for number in INTERRUPTS}
-    for number, handler in before.items():
-        if callable(handler):
-            signal.signal(number, lambda *arrived: came.append(arrived))
-    try:
+    with handled({n: lambda *arrived: came.append(arrived) for n, handler in before.items() if callable(handler)}):
         yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
     for number, frame in came[:1]:
         if callable(handler := before[number]):
             handler(number, frame)
@@ -47,23 +53,13 @@ def interrupted_by_signals() -> Iterator[None]:
         if not first_beside_the_other:
             signal.default_int_handler(number, frame)
 
-    before = {number: signal.getsignal(number) for number in INTERRUPTS[1:]}
-    for number, handler in before.items():
-        if handler is not signal.SIG_IGN:  # nohup has ignored SIGHUP
-            signal.signal(number, interrupt)
-    try:
+    heard = [number for number in INTERRUPTS[1:] if signal.getsignal(number) is not signal.SIG_IGN]  # as nohup does
+    with handled(dict.fromkeys(heard, interrupt)):
         yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
 
 
 @contextmanager
 def interrupts_ignored() -> Iterator[None]:
     """Ctrl-C, SIGTERM and SIGHUP are lost. From the main thread."""
-    before = {number: signal.signal(number, signal.SIG_IGN) for number in INTERRUPTS}
-    try:
+    with handled(dict.fromkeys(INTERRUPTS, signal.SIG_IGN)):
         yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)

@@ -7,16 +7,14 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+from qrobot.rig.interrupts import handled
+
 
 @contextmanager
 def default_signals(*numbers: signal.Signals) -> Iterator[None]:
     """Processes started in the block hear these, though `nohup` or the background of a script has them ignored."""
-    before = {number: signal.signal(number, signal.SIG_DFL) for number in numbers}
-    try:
+    with handled(dict.fromkeys(numbers, signal.SIG_DFL)):
         yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
 
 
 def at_once(*numbers: signal.Signals) -> None:

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-import tempfile
-from collections.abc import Iterator
 
 import pytest
 
@@ -15,15 +13,7 @@ from tests.support.processes import qrobot
 pytestmark = pytest.mark.realtime
 
 
-@pytest.fixture
-def no_arm(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    """A runtime folder of its own: beside a running arm, such as that of other tests, no rate is tried."""
-    with tempfile.TemporaryDirectory(dir="/dev/shm") as folder:
-        monkeypatch.setenv("QROBOT_RUNTIME_DIR", folder)
-        yield
-
-
-@pytest.mark.usefixtures("no_arm")
+@pytest.mark.usefixtures("runtime_folder")  # beside a running arm, such as that of other tests, no rate is tried
 def test_the_rate_is_judged_by_the_loop_itself() -> None:
     process = qrobot("doctor", "--rate", "--json")
     printed, said = process.communicate(timeout=3 * PATIENCE_S)

@@ -75,3 +75,11 @@ def all_can_stop(v: Floats, a: Floats, limits: MotionLimits) -> bool:
     reserve = np.where(a * v > 0.0, BULGE * SHORTEST_STOP_S * a * a / limits.a_max, 0.0)
     inside = np.abs(v) + reserve <= limits.v_max * _ROUNDED
     return bool((inside & (np.abs(a) <= limits.a_max * _ROUNDED)).all())
+
+
+def all_can_stop_along(joints: Floats, step_s: float, limits: MotionLimits) -> bool:
+    """`all_can_stop` at joint positions (k, n) that are `step_s` apart in time, of which differences tell the rest."""
+    places = len(joints)
+    v = np.array(np.gradient(joints, step_s, axis=0, edge_order=2))
+    a = np.diff(joints, 2, axis=0)[[0, *range(places - 2), -1]] / step_s**2
+    return all_can_stop(v, a, limits)

@@ -24,7 +24,7 @@ from qrobot.arrays import Floats
 from qrobot.errors import MotionError
 from qrobot.motion.path.blend import PEAK, Blend, beta
 from qrobot.motion.path.path import Path
-from qrobot.motion.planning.joint_stop import all_can_stop
+from qrobot.motion.planning.joint_stop import all_can_stop_along
 from qrobot.motion.planning.timing import Scheduler
 
 _PROBES: Final = np.linspace(0.0, 1.0, 33)
@@ -130,10 +130,7 @@ def _joints_keep_limits(path_stop: PathStop, path: Path, near: Floats, scheduler
         joints = np.array(list(joints_ahead(path_stop, path, near)))
     except MotionError:  # the path itself leads where the arm cannot go
         return False
-    step_s = path_stop.length * scheduler.period_s / (_PROBES.size - 1)
-    v = np.array(np.gradient(joints, step_s, axis=0, edge_order=2))
-    a = np.diff(joints, 2, axis=0)[[0, *range(_PROBES.size - 2), -1]] / step_s**2
-    return all_can_stop(v, a, scheduler.limits)
+    return all_can_stop_along(joints, path_stop.length * scheduler.period_s / (_PROBES.size - 1), scheduler.limits)
 
 
 def _fits(path_stop: PathStop, path: Path, scheduler: Scheduler) -> bool:

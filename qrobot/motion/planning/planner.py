@@ -18,7 +18,7 @@ from qrobot.motion.path.segment import Schedule, Segment
 from qrobot.motion.path.setpoint_history import History, motion_of
 from qrobot.motion.planning.fence_check import WHAT, FenceCheck
 from qrobot.motion.planning.geometric_path import GeometricPath, plan_geometric_path, segment_of
-from qrobot.motion.planning.joint_stop import all_can_stop
+from qrobot.motion.planning.joint_stop import all_can_stop, all_can_stop_along
 from qrobot.motion.planning.queued_motion import NO_FOLLOWER, Following, QueuedMotion, prepare_motion
 from qrobot.motion.planning.replan import replan
 from qrobot.motion.planning.timing import MANY, Scheduler
@@ -241,9 +241,7 @@ class Planner:
         joints = np.empty((_PROBES + 1, near.size))
         for i, probe in enumerate(np.linspace(piece.start, piece.end, _PROBES + 1)):
             joints[i] = near = segment.coordinates.solve_at(piece.state(probe, self._settings)[0], near)
-        v = np.array(np.gradient(joints, step_s, axis=0, edge_order=2))
-        a = np.diff(joints, 2, axis=0)[[0, *range(_PROBES - 1), -1]] / step_s**2
-        return all_can_stop(v, a, self._limits)
+        return all_can_stop_along(joints, step_s, self._limits)
 
 
 @contextmanager

@@ -5,8 +5,7 @@ from __future__ import annotations
 import asyncio
 import shlex
 import socket
-import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -57,13 +56,6 @@ class Bridge:
                     self.stops.append(event)
 
 
-@pytest.fixture
-def folder(monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
-    with tempfile.TemporaryDirectory(dir="/dev/shm") as path:
-        monkeypatch.setenv("QROBOT_RUNTIME_DIR", path)
-        yield Path(path)
-
-
 async def until(condition: Callable[[], object]) -> None:
     async with asyncio.timeout(PATIENCE_S):
         while not condition():
@@ -71,7 +63,7 @@ async def until(condition: Callable[[], object]) -> None:
 
 
 def test_stop_and_power_off_go_by_the_bridge_too_and_the_page_is_told_what_is_sure(
-    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    runtime_folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The servo's control socket takes requests and answers none; the bridge goes, and comes back."""
     monkeypatch.setattr(arm_watch, "RETRY_S", 0.01)
@@ -103,7 +95,7 @@ def test_stop_and_power_off_go_by_the_bridge_too_and_the_page_is_told_what_is_su
         await bridge.end()
 
     with socket.socket(socket.AF_UNIX) as hung:
-        hung.bind(str(folder / control_name(arm.name)))
+        hung.bind(str(runtime_folder / control_name(arm.name)))
         hung.listen()
         asyncio.run(story(Bridge()))
 

@@ -6,10 +6,8 @@ import contextlib
 import errno
 import json
 import re
-import shutil
 import signal
 import socket
-import tempfile
 import threading
 import uuid
 from collections.abc import Callable, Iterator
@@ -33,7 +31,6 @@ from qrobot.hwif.board_memory import command_board_memory, create_board_memory, 
 from qrobot.hwif.image import IMAGE_COUNT, IMAGE_T_NS, make_image
 from qrobot.modecodes import Mode
 from qrobot.realtime.page_faults import FaultWatch
-from qrobot.realtime.runtime_folder import MEMORY_FOLDER
 from qrobot.realtime.structure import view_words
 from qrobot.report import QueuedReport
 from qrobot.servo.laws import LAWS, find_law
@@ -672,16 +669,13 @@ def test_without_a_servo_the_client_says_what_to_start() -> None:
         ServoClient("nobody")
 
 
-def test_a_client_of_an_arm_without_a_servo_is_told_which_arms_have_one(monkeypatch: pytest.MonkeyPatch) -> None:
-    memory = Path(tempfile.mkdtemp(dir=MEMORY_FOLDER))
-    monkeypatch.setenv("QROBOT_RUNTIME_DIR", str(memory))
+def test_a_client_of_an_arm_without_a_servo_is_told_which_arms_have_one(runtime_folder: Path) -> None:
     assert arms_that_run() == []
     with ControlSocket("right", print, print), ControlSocket("left", print, print):  # type: ignore[arg-type]
-        (memory / "dead-control").touch()
+        (runtime_folder / "dead-control").touch()
         assert arms_that_run() == ["left", "right"]
         with pytest.raises(LinkError, match=r"no servo of puma560 .* servos of left, right run: --arm"):
             ServoClient("puma560")
-    shutil.rmtree(memory)
 
 
 def exchange(servo: Bench, data: bytes) -> bytes:
@@ -966,11 +960,8 @@ def test_a_client_speaks_to_a_servo_that_is_there_again_also_when_it_looked_for_
         assert client.fences() == ()
 
 
-def test_a_servo_that_takes_no_connection_any_more_runs_and_is_said_not_to_answer(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    memory = Path(tempfile.mkdtemp(dir=MEMORY_FOLDER))
-    monkeypatch.setenv("QROBOT_RUNTIME_DIR", str(memory))
+@pytest.mark.usefixtures("runtime_folder")
+def test_a_servo_that_takes_no_connection_any_more_runs_and_is_said_not_to_answer() -> None:
     with contextlib.ExitStack() as stack:
         stack.enter_context(ControlSocket("hung", print, print))  # type: ignore[arg-type]
         for _ in range(MAX_CLIENTS + 1):  # as many as the kernel keeps for whoever listens
@@ -982,7 +973,6 @@ def test_a_servo_that_takes_no_connection_any_more_runs_and_is_said_not_to_answe
         with pytest.raises(LinkTimeout, match="does not answer; its guardian has taken torque and power away"):
             ServoClient("hung")
         assert arms_that_run() == ["hung"]
-    shutil.rmtree(memory)
 
 
 @pytest.mark.parametrize("ask", [ServoClient.stop, ServoClient.power_off, ServoClient.status, ServoClient.fences])

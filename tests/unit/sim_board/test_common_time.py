@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import tempfile
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -12,17 +10,10 @@ from qrobot.hwif.board_memory import create_board_memory
 from qrobot.realtime.shared_memory import segment_path
 from qrobot.sim_board.common_time import held_ns, slipped_beside_ns
 
+pytestmark = pytest.mark.usefixtures("runtime_folder")
 MS = 1_000_000
 PERIOD_NS = 250_000
 NOW_NS = 1_000_000 * MS
-
-
-@pytest.fixture(autouse=True)
-def folder(monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
-    """A runtime folder without other arms."""
-    with tempfile.TemporaryDirectory(dir="/dev/shm") as path:
-        monkeypatch.setenv("QROBOT_RUNTIME_DIR", path)
-        yield Path(path)
 
 
 def test_an_arm_that_has_let_pass_less_goes_on_slowly_until_it_is_in_step() -> None:
@@ -62,6 +53,6 @@ def test_a_killed_board_and_a_damaged_time_are_passed_over() -> None:
         assert slipped_beside_ns(["right", "third"], NOW_NS) == 0
 
 
-def test_what_is_no_board_is_passed_over(folder: Path) -> None:
-    (folder / "torn-board").write_bytes(b"")
+def test_what_is_no_board_is_passed_over(runtime_folder: Path) -> None:
+    (runtime_folder / "torn-board").write_bytes(b"")
     assert slipped_beside_ns(["torn"], NOW_NS) == 0
