@@ -147,7 +147,7 @@ class ArclRobot(PathCalls, LineCalls):
             self._motions.judge(Motion(pos, options))
 
     def stop(self, *attributes: Any) -> None:
-        """Drop all motions and come to rest on the path, in at least Tseg: 300 ms, or what MOV_TIME says.
+        """Drop all motions and come to rest on the path, in at least Tseg (300 ms, or MOV_TIME) or at its goal.
 
         The arm stops as soon as its joints can where they cannot follow a straight line so, and on the way to a frame
         that moves.

@@ -188,9 +188,9 @@ def servo_settings(
 
 def _require_drives(arm: DeployedArm) -> None:
     """Raise ConfigError when there is not a drive for each joint."""
-    robot = robot_of_arm(arm)
-    if arm.board.drives is not None and len(arm.board.drives.nodes) < robot.n:
-        count = len(arm.board.drives.nodes)
+    drives = arm.board.drives
+    if drives is not None and len(drives.nodes) < (robot := robot_of_arm(arm)).n:
+        count = len(drives.nodes)
         raise ConfigError(f"drives.nodes of {arm.name} names {count} drives, {robot.name} has {robot.n} joints")
 
 

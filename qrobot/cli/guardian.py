@@ -31,6 +31,7 @@ def guardian(deployment: str = DEFAULT_DEPLOYMENT, *, arm: str | None = None, li
         Seconds to wait for a dead servo to be restarted.
     """
     from qrobot.realtime.setup import insist_on, leave_fifo, set_fifo
+    from qrobot.realtime.signals import ending_signals
     from qrobot.realtime.startup_order import await_turn
     from qrobot.servo.process.guardian import Guardian, prepare, warm_up
 
@@ -46,10 +47,11 @@ def guardian(deployment: str = DEFAULT_DEPLOYMENT, *, arm: str | None = None, li
         def end(_signal: int, _frame: FrameType | None) -> None:
             watcher.stop[0] = 1
 
-        for number in (signal.SIGTERM, signal.SIGINT):
-            signal.signal(number, end)
-        if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:  # nohup has ignored it
-            signal.signal(signal.SIGHUP, lambda *_: watcher.hang_up())
+        def hang_up(_signal: int, _frame: FrameType | None) -> None:
+            watcher.hang_up()
+
+        for number in ending_signals():
+            signal.signal(number, hang_up if number == signal.SIGHUP else end)
         insist_on(prepare(), chosen.servo.require_realtime, lambda line: told(f"guardian of {arm_name}: {line}"))
         told(f"guardian of {arm_name} acts {timeout_ms:g} ms after the servo's last heartbeat")
         watcher.run(linger)

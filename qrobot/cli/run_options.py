@@ -6,6 +6,7 @@ from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
+from qrobot.cli.arms import LAW_NAMES
 from qrobot.cli.option_types import OutputFilm, OutputFolder, OutputLog, RateHz, StartPlace
 from qrobot.config.scene import SceneKind
 
@@ -45,10 +46,7 @@ SceneOption = Annotated[
 ]
 LawOption = Annotated[
     str | None,
-    Parameter(
-        help="With --lockstep: control law of the servo, overriding the file's: pd, qrobot, ... or your own as "
-        "path/to/file.py:name, from this folder."
-    ),
+    Parameter(help=f"With --lockstep: control law of the servo, overriding the file's: {LAW_NAMES}."),
 ]
 ModelOption = Annotated[
     str | None,

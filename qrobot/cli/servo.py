@@ -7,7 +7,7 @@ import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Final
 
 from cyclopts import App, Parameter
 
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from qrobot.log.header import LogHeader
     from qrobot.servo.memory.servo_memory import ServoInfo
 
-_LAW = f"Control law, overriding the file's: {LAW_NAMES}; in the file it is from that file's."
+_LAW: Final = f"Control law, overriding the file's: {LAW_NAMES}; in the file it is from that file's."
 
 app = App(name="servo", help_format="plaintext", group_commands="Commands")
 

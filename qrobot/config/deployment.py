@@ -193,9 +193,9 @@ class ServoChoice(Table):
     `reduced_speed_mm_s` bounds the speed of the tool's tip, `tool_mm` from the flange in its frame: what asks for more
     is stopped. 250 is the most for a person within reach (ISO 10218-1); this is no safety function.
 
-    At start the loop runs for a moment by itself. A rate that this machine does not keep is refused on a real board,
-    and told with an emulated one; `unchecked_rate` signs for it. Without `spin` the loop sleeps to its deadline: it
-    needs less of the processor, and is later.
+    At start the loop runs for a moment by itself. A rate that this machine does not keep is refused on a real board
+    or with `require_realtime`, else told; `unchecked_rate` signs for it. Without `spin` the loop sleeps to its
+    deadline: it needs less of the processor, and is later.
 
     `sensor_channels` are the ADC channels the servo samples all the time, round robin, for laws that use sensors.
     `force_sensor` makes the force and torque at the wrist of them, which programs and logs see.

@@ -200,7 +200,8 @@ class Generator:
     def stop(self, seconds: float = 0.0) -> None:
         """Drop all waiting requests and come to an absolute rest.
 
-        It stays on its path, and takes at least `seconds`. Where the joints cannot follow a Cartesian path so, and on
+        It stays on its path, and takes at least `seconds`, or ends at its goal where that comes sooner. Where the
+        joints cannot follow a Cartesian path so, and on
         the way to a goal that moves, it stops as soon as its joints can, beside the path.
         """
         self._sequencer.stop(seconds)
@@ -209,7 +210,7 @@ class Generator:
         """Come to an absolute rest wherever the joints can, and drop all waiting requests: what is under way must end.
 
         The present request ends with `code`, and `why` in words; at rest it is told that the goal which was followed is
-        lost.
+        lost. A stop that is under way keeps its own code; on a straight line it is left for a stop of the joints.
         """
         self._sequencer.abort(code, why)
 

@@ -21,7 +21,7 @@ from qrobot.motion.world.drive_transform import OrientationInterpolation
 from qrobot.motion.world.equation import Goal
 from qrobot.motion.world.limits import MotionLimits
 
-MOST_SAMPLES: Final = 1e9  # [A] of a motion: eleven days of a millisecond each
+_MOST_SAMPLES: Final = 1e9  # [A] of a motion: eleven days of a millisecond each
 _ROUNDING: Final = 1e-9  # in samples: a time that is a whole number of them stays that number
 
 
@@ -36,7 +36,7 @@ def enough_samples(seconds: float, period_s: float) -> int:
 
 
 def _bounded(samples: float) -> float:
-    if not samples < MOST_SAMPLES:
+    if not samples < _MOST_SAMPLES:
         raise MotionError("a motion would take more samples than can be counted; ask for more speed")
     return samples
 

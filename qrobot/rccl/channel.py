@@ -301,7 +301,7 @@ class Channel(MotionParameters, HandAndOutputs):
         return generator.run_to_rest()
 
     def stop(self, ms: float = 0.0) -> None:
-        """Forget all motions and come to rest, in at least `ms`; `completed` when the arm stands.
+        """Forget all motions and come to rest, in at least `ms` or at its goal; `completed` when the arm stands.
 
         The arm stays on its path. It stops as soon as its joints can, whatever `ms` is, where they cannot follow a
         straight line so, and on the way to a frame that moves; the rest is absolute also while one is followed.

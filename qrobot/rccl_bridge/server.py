@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import asyncio
 import logging
-import signal
 import socket
 import time
 from collections import Counter
@@ -27,6 +26,7 @@ from qrobot.rccl_bridge.servo_interface import RobotPort, RobotState
 from qrobot.rccl_bridge.session import Peer, Session
 from qrobot.rccl_bridge.settings import BridgeSettings
 from qrobot.realtime.bridge_token import offered_token
+from qrobot.realtime.signals import ending_signals
 from qrobot.wire import ErrorCode
 
 LOG: Final = logging.getLogger("qrobot.rccl_bridge")
@@ -261,10 +261,7 @@ def run_bridge(
 
 async def _serve(server: BridgeServer, on_ready: Callable[[str, int], None] | None) -> None:
     stop = asyncio.Event()
-    numbers = [signal.SIGTERM, signal.SIGINT]
-    if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:  # nohup has ignored it
-        numbers.append(signal.SIGHUP)
-    for number in numbers:
+    for number in ending_signals():
         asyncio.get_running_loop().add_signal_handler(number, stop.set)
     server.take_address()
     try:

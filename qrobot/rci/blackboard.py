@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 
 from qrobot.config.outputs import N_OUTPUTS
 from qrobot.errors import MotionError
+from qrobot.rci.arguments import shown
 from qrobot.wire import Command, JointMode, State
 from qrobot.wire.packets import NO_SIGNALS, Values
 
@@ -60,7 +61,7 @@ class Chg:
         """
         for line in lines:
             if not 1 <= abs(line) <= N_OUTPUTS:
-                raise MotionError(f"signal {line}: outputs are 1 to {N_OUTPUTS}, negative to switch one off")
+                raise MotionError(f"signal {shown(line)}: outputs are 1 to {N_OUTPUTS}, negative to switch one off")
         for line in lines:
             bit = 1 << (abs(line) - 1)
             self.outputs = self.outputs | bit if line > 0 else self.outputs & ~bit

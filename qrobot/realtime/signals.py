@@ -1,4 +1,4 @@
-"""Handlers of SIGTERM: an event ends processes without a loop of their own, an exception those that are starting."""
+"""Handlers of signals that end a process: an event where it has no loop of its own, an exception while it starts."""
 
 from __future__ import annotations
 
@@ -7,11 +7,12 @@ import os
 import select
 import signal
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from time import monotonic
 from types import FrameType
-from typing import Final
+from typing import Final, TypeAlias
 
+Handler: TypeAlias = Callable[[int, FrameType | None], object] | int | None
 TERMINATED: Final = 143  # exit status of a command that SIGTERM has ended: 128 + SIGTERM, as shells have it
 NEEDED_S: Final = 0.05  # from one question whether a process is still needed to the next
 _FULL = BlockingIOError  # the pipe holds more than anybody needs to be woken
@@ -64,6 +65,23 @@ class SignalEvent(threading.Event):
         os.close(self._writes)
 
 
+def ending_signals() -> tuple[signal.Signals, ...]:
+    """SIGTERM, SIGINT, and SIGHUP of a closed terminal unless somebody, as nohup, has it ignored."""
+    ignored = signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
+    return (signal.SIGTERM, signal.SIGINT, *(() if ignored else (signal.SIGHUP,)))
+
+
+@contextlib.contextmanager
+def handled(handlers: Mapping[int, Handler]) -> Iterator[None]:
+    """Signals have these handlers in the block, and afterwards those of before. From the main thread."""
+    before = {number: signal.signal(number, handler) for number, handler in handlers.items()}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
 @contextlib.contextmanager
 def set_on_signals(needed: Callable[[], bool] | None = None) -> Iterator[threading.Event]:
     """An event that SIGTERM, SIGINT, and SIGHUP of a closed terminal set; outside the block they do what they did.
@@ -81,25 +99,15 @@ def set_on_signals(needed: Callable[[], bool] | None = None) -> Iterator[threadi
         else:
             done.set_unless(needed)
 
-    before = {number: signal.signal(number, end) for number in (signal.SIGTERM, signal.SIGINT)}
-    if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:  # nohup has ignored it
-        before[signal.SIGHUP] = signal.signal(signal.SIGHUP, hang_up)
-    try:
+    with contextlib.closing(done), handled({n: hang_up if n == signal.SIGHUP else end for n in ending_signals()}):
         yield done
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
-        done.close()
 
 
 @contextlib.contextmanager
 def interrupted_by_sigterm() -> Iterator[None]:
     """SIGTERM raises KeyboardInterrupt, as SIGINT does: what has been made is taken down again. For the main thread."""
-    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
-    try:
+    with handled({signal.SIGTERM: signal.default_int_handler}):
         yield
-    finally:
-        signal.signal(signal.SIGTERM, before)
 
 
 @contextlib.contextmanager

@@ -3,24 +3,14 @@
 from __future__ import annotations
 
 import signal
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
-from typing import Final, TypeAlias
+from typing import Final
 
-Handler: TypeAlias = Callable[[int, FrameType | None], object] | signal.Handlers
+from qrobot.realtime.signals import handled
+
 INTERRUPTS: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-
-
-@contextmanager
-def handled(handlers: Mapping[int, Handler]) -> Iterator[None]:
-    """Signals have these handlers in the block, and afterwards those of before. From the main thread."""
-    before = {number: signal.signal(number, handler) for number, handler in handlers.items()}
-    try:
-        yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
 
 
 @contextmanager

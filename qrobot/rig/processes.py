@@ -9,7 +9,6 @@ process is a session of its own: a Ctrl-C at the terminal reaches only the super
 from __future__ import annotations
 
 import contextlib
-import fcntl
 import os
 import signal
 import socket
@@ -24,6 +23,7 @@ from typing import IO
 
 from qrobot.errors import LinkBusy, LinkError, LinkTimeout, QRobotError
 from qrobot.hwif.board_memory import attach_board_memory
+from qrobot.realtime.file_lock import lock_alone
 from qrobot.realtime.shared_memory import SharedMemory, discard_dead
 from qrobot.realtime.startup_order import TURN_VARIABLE
 from qrobot.realtime.supervised import Supervision
@@ -180,15 +180,11 @@ class ProcessRig:
         """
         if plan.name not in self._outputs:
             file = (self.directory / f"{plan.name}.txt").open("ab")
-            try:
-                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError:
+            if not lock_alone(file):
                 file.close()
                 raise LinkBusy(
                     f"{plan.name} is not started: another process starts it, or runs, and writes to {file.name}"
-                ) from None
-            except OSError:
-                pass
+                )
             self._outputs[plan.name] = file
         self._outputs[plan.name].truncate(0)
 

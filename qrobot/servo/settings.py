@@ -61,7 +61,7 @@ class ServoSettings:
         guarded: a guardian is required; without one the servo refuses power.
         guardian_timeout_ms: age of the servo's heartbeat at which the guardian acts.
         board_timeout_ms: time without a new image, in cycles that ran, after which the board counts as gone.
-        emulated: the board is emulated, and a rate that this machine does not keep is told, not refused.
+        emulated: the board is emulated; only where real time is required a rate that is not kept is refused then.
         board_slips: the board is emulated and lets time stand still while nobody could control the arm.
         overrun: late cycles that are too many.
         spin: sleep short of each deadline and spin the rest; costs CPU, gains precision.

@@ -119,6 +119,7 @@ class ServoState:
     pending_joint: int = NO_JOINT
     power_locked: int = 0  # 1: power was taken away and has not been asked for anew
     offs_seen: int = 0
+    ons_seen: int = 0
     power_seen: int = 0  # level of the power request at the last tick
     clears_seen: int = 0
     stops_seen: int = 0

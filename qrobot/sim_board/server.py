@@ -151,7 +151,7 @@ def serve(
     report: Callable[[str], None] = lambda _line: None,
     needed: Callable[[], bool] | None = None,
 ) -> None:
-    """Serve a board until SIGTERM or SIGINT, then remove its memory. Call from the main thread of a process.
+    """Serve a board until SIGTERM, SIGINT or SIGHUP, then remove its memory. Call from the main thread of a process.
 
     Args:
         arm: instance name.

@@ -6,7 +6,6 @@ command goes on from there, and one with more arms adds to them.
 
 from __future__ import annotations
 
-import fcntl
 import json
 import os
 from collections.abc import Iterator
@@ -16,6 +15,7 @@ from pathlib import Path
 from typing import Any, TextIO
 
 from qrobot.errors import ConfigError
+from qrobot.realtime.file_lock import lock_alone
 from qrobot.study.study import ArmResult
 
 
@@ -90,19 +90,10 @@ def open_results(path: Path, terms: ArmResult) -> Iterator[tuple[ResultsWriter, 
     except OSError as error:
         raise ConfigError(f"cannot write results to {path}: {error.strerror}") from error
     with file:
-        _own(file, path)
+        if not lock_alone(file):
+            raise ConfigError(f"another run is writing to {path}: wait for it, or name another file")
         done = _go_on(file, path, terms)
         yield ResultsWriter(file), done
-
-
-def _own(file: TextIO, path: Path) -> None:
-    """Lock it against another run, where its file system knows locks."""
-    try:
-        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError as error:
-        raise ConfigError(f"another run is writing to {path}: wait for it, or name another file") from error
-    except OSError:
-        pass
 
 
 def _go_on(file: TextIO, path: Path, terms: ArmResult) -> frozenset[int]:

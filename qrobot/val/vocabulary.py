@@ -141,7 +141,7 @@ NUMBER_FUNCTIONS: Final[dict[str, tuple[str, ...]]] = {
     "DCB": ("number",),
     "RANDOM": (),
 }
-"""SIG takes any number of numbers, #PPOINT as many as the arm has joints."""
+"""SIG takes any number of numbers."""
 
 LOCATION_FUNCTIONS: Final[dict[str, tuple[str, ...]]] = {
     "TRANS": ("number?", "number?", "number?", "number?", "number?", "number?"),
@@ -149,6 +149,8 @@ LOCATION_FUNCTIONS: Final[dict[str, tuple[str, ...]]] = {
     "INVERSE": ("location",),
     "#PPOINT": ("number",),
 }
+"""#PPOINT takes as many numbers as the arm has joints."""
+
 LOCATION_CHANGES: Final[dict[str, tuple[str, ...]]] = {"SHIFT": ("number?", "number?", "number?"), "SCALE": ("number",)}
 LOCATION_VALUES: Final = frozenset({"here", "dest", "null", "tool", "base"})
 NUMBER_VALUES: Final[dict[str, float]] = {"true": -1.0, "false": 0.0, "on": -1.0, "off": 0.0, "pi": 3.141592653589793}

@@ -130,7 +130,7 @@ ERROR_MEANING: Final[dict[ErrorCode, tuple[bool, str]]] = {
     ErrorCode.AUTHENTICATION: (True, "the client may not do this from where it is"),
     ErrorCode.FULL: (True, "too many clients"),
     ErrorCode.TIMEOUT: (True, "no HELLO within 2 s, or no COMMAND from the commander for 1 s"),
-    ErrorCode.SERVO_GONE: (False, "the servo does not run; STATE packets resume when it does"),
+    ErrorCode.SERVO_GONE: (False, "the servo does not run, or does not fit; STATE packets resume when one does"),
     ErrorCode.INVALID_SETPOINT: (False, "a setpoint is not a finite number of sane size; the frame counts as missing"),
     ErrorCode.SLOW_READER: (True, "the client has read nothing for 10 s"),
     ErrorCode.PAYLOAD_REFUSED: (False, "the arm cannot carry the payload; the one before it is still reckoned with"),

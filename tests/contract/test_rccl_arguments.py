@@ -68,6 +68,7 @@ MOTIONS = [
     (lambda: rccl.jposition("p", [0, 0, 0, 0, 0, HUGE]), "position p: a number of thousands of digits is not a finite"),
     (lambda: rccl.jposition("p", HUGE), "6 numbers are needed, not a number of thousands of digits"),
     (lambda: rccl.program.arm().analog(HUGE, 1.0), "analog.a number of thousands of digits.: analogue outputs are"),
+    (lambda: rccl.program.arm().signal(HUGE), "signal a number of thousands of digits: outputs are"),
     (lambda: rccl.nextmove(-HUGE), "must be a positive whole number"),
     (lambda: rccl.jposition("p", np.zeros((6, 2))), "is not a finite number"),
     (lambda: rccl.move(rccl.jposition("p", [200, 0, 0, 0, 0, 0])), r"move to p: joint 1 \(waist\)"),

@@ -7,7 +7,7 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from qrobot.rig.interrupts import handled
+from qrobot.realtime.signals import handled
 
 
 @contextmanager

@@ -4,8 +4,8 @@ A request is judged as a motion from rest to rest on its straight line. A transi
 at before it is entered; where it would come too near a fence it is not made, and the arm comes to rest at the via point
 first. A motion that begins elsewhere than was thought when it was asked for is looked at before the arm leaves its
 rest. Of what nobody can know beforehand, a goal that moves or complies, each setpoint is looked at, and where a stop of
-the joints that began with it would end. A stop that is asked for on a Cartesian path stays on it, as a rule, when a
-stop of the joints would end too near a fence.
+the joints that began with it would end. A Cartesian path whose motion is skipped or ended by a monitor is left only
+where a stop of the joints keeps off the fences, or where the joints cannot stop on it.
 """
 
 from __future__ import annotations

@@ -93,7 +93,7 @@ def _read_two_angles(D: Floats, x: Floats) -> None:
     """Fill w: what turns z into the approach vector, and the turn about that which is left."""
     sine = math.hypot(D[0, 2], D[1, 2])
     theta = math.atan2(sine, D[2, 2])
-    share = theta / sine if sine > 0.0 else 1.0  # near θ = 0 and π any axis will do; x is taken
+    share = theta / sine if sine > 0.0 else 1.0  # near θ = π any axis will do: x is taken
     x[3], x[4], x[5] = -share * D[1, 2], share * D[0, 2], 0.0
     if sine < _NO_AXIS and theta > 1.0:
         x[3], x[4] = theta, 0.0

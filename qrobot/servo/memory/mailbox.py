@@ -82,7 +82,10 @@ class ServoMailbox:
 
     def request_power(self, on: bool) -> None:
         """Ask for arm power, or for a controlled stop and power off."""
-        self.memory.command.power = int(on)
+        command = self.memory.command
+        if on and command.power == 0:
+            command.power_ons += 1  # first: with the level alone the request would be one that stood already
+        command.power = int(on)
 
     def request_power_off(self) -> None:
         """Take arm power away after a controlled stop, against the commander's wish too: they have to ask anew.

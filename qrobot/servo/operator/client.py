@@ -5,6 +5,7 @@ from __future__ import annotations
 import socket
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
+from math import inf
 from types import TracebackType
 from typing import Final
 
@@ -60,11 +61,8 @@ def _nobody(arm: str) -> str:
 def _silence(arm: str) -> str:
     """Sentence about a servo that hangs, with what its guardian has done meanwhile."""
     told = f"the servo of {arm} does not answer"
-    with suppress(LinkError):
-        memory = attach_servo_memory(arm)
-        taken_over = bool(memory.front.guardian.takeover)
-        memory.close()
-        if taken_over:
+    with suppress(LinkError), attach_servo_memory(arm) as memory:
+        if memory.front.guardian.takeover:
             return f"{told}; its guardian has taken torque and power away"
     return f"{told}: press the emergency stop if the arm moves"
 
@@ -227,24 +225,36 @@ class ServoClient:
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         self._socket.settimeout(self._patience_s)
         try:
-            connect_to_servo(self.arm, self._socket)
+            self._await_room()
             self._broken_off = False
-        except BlockingIOError:  # it hangs, and too many wait for it
-            raise LinkTimeout(_silence(self.arm)) from None
         except OSError:
             raise LinkError(_nobody(self.arm)) from None
         finally:
             if self._broken_off:
                 self._socket.close()
 
-    def _ask(self, request: OperatorRequest, most_s: float = TIMEOUT_S) -> ServoStatus:
+    def _await_room(self) -> None:
+        """Connect, once the servo has let in those who came before.
+
+        Raises LinkTimeout for one that lets in nobody, OSError where none listens.
+        """
+        patience = Deadline(min(self._patience_s, AT_ONCE_S))
+        while True:
+            try:
+                return connect_to_servo(self.arm, self._socket)
+            except BlockingIOError:  # as many wait as the kernel keeps for it
+                if patience.passed:
+                    raise LinkTimeout(_silence(self.arm)) from None
+            sleep_between_looks(POLL_S)
+
+    def _ask(self, request: OperatorRequest, most_s: float = inf) -> ServoStatus:
         reply = self._reply(request, most_s)
         if reply.status is None:
             raise QRobotError(f"the servo of {self.arm} tells no status")
         return reply.status
 
-    def _reply(self, request: OperatorRequest, most_s: float = TIMEOUT_S) -> Reply:
-        """Reply to a request that was done, within `most_s`.
+    def _reply(self, request: OperatorRequest, most_s: float = inf) -> Reply:
+        """Reply to a request that was done, within the client's patience and `most_s`.
 
         Raises QRobotError with the servo's words for one that was refused.
         """

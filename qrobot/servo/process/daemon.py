@@ -10,7 +10,6 @@ from __future__ import annotations
 import contextlib
 import os
 import shutil
-import signal
 import threading
 import time
 import traceback
@@ -38,7 +37,7 @@ from qrobot.realtime.machine import throttled_to
 from qrobot.realtime.page_faults import FaultWatch
 from qrobot.realtime.setup import SetupStep, hold_dma_latency, insist_on, leave_fifo, prepare_loop_thread
 from qrobot.realtime.shared_memory import segment_path
-from qrobot.realtime.signals import interrupted_by_sigterm
+from qrobot.realtime.signals import ending_signals, handled, interrupted_by_sigterm
 from qrobot.realtime.startup_order import await_turn, turn_is_awaited
 from qrobot.report import QueuedReport, Report
 from qrobot.servo.laws import law_label
@@ -140,7 +139,7 @@ class ServoProcess:
         return int(run(self.params, self.state, *memories, first_margin(self.settings), BOARD_AWAY_NS))
 
     def _insist_on_the_rate(self, run_window: Callable[[], Rows]) -> None:
-        """Let the loop run by itself for a moment. Raises QRobotError on a real board whose rate is not kept."""
+        """Let the loop run by itself for a moment. Raises QRobotError where its rate has to be kept."""
         pace = judge_pace(run_window, self.settings.rate_hz)
         budget = judge_budget(self._spin_share(), throttled_to()) if self._has_fifo() else None
         judged = [(RATE, pace)] + ([(RT_BUDGET, budget)] if budget else [])
@@ -256,15 +255,8 @@ def shutdown_on_signals(front: ServoFront) -> Iterator[None]:
     def ask(_signal: int, _frame: FrameType | None) -> None:
         front.command.shutdown = 1
 
-    numbers = [signal.SIGTERM, signal.SIGINT]
-    if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:  # nohup has ignored it
-        numbers.append(signal.SIGHUP)
-    before = {number: signal.signal(number, ask) for number in numbers}
-    try:
+    with handled(dict.fromkeys(ending_signals(), ask)):
         yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
 
 
 def serve(

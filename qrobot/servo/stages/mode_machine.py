@@ -290,10 +290,10 @@ def _power_off(params: ServoParameters, state: ServoState, mail: Any, now_ns: in
 def power_wanted(state: ServoState, mail: Any) -> int:
     """1 while the commander wants power and nobody has taken it away since they asked for it."""
     asked = mail.command.power != 0
-    if mail.command.power_offs != state.offs_seen:
-        state.power_locked = 1
-    if not asked:
+    if not asked or mail.command.power_ons != state.ons_seen:
         state.power_locked = 0
+    if asked and mail.command.power_offs != state.offs_seen:  # of the two in one cycle the safe one counts
+        state.power_locked = 1
     state.offs_seen = mail.command.power_offs
     return 1 if asked and state.power_locked == 0 and mail.command.shutdown == 0 else 0
 
@@ -302,11 +302,11 @@ def power_wanted(state: ServoState, mail: Any) -> int:
 def handle_requests(params: ServoParameters, state: ServoState, mail: Any, now_ns: int) -> None:
     """Act on what the commander asks and on what the present mode waits for."""
     power = power_wanted(state, mail)
-    asked_now = power == 1 and state.power_seen == 0
+    asked_now = power == 1 and (state.power_seen == 0 or mail.command.power_ons != state.ons_seen)
     cleared = mail.command.clears != state.clears_seen
     stopped = mail.command.stops != state.stops_seen
-    state.power_seen, state.clears_seen = power, mail.command.clears
-    state.stops_seen = mail.command.stops
+    state.power_seen, state.ons_seen = power, mail.command.power_ons
+    state.clears_seen, state.stops_seen = mail.command.clears, mail.command.stops
     _obey_calibration(params, state, mail, stopped)
     mode = state.mode
     if stopped and mode != TRACKING:  # also while stopping: a stream that waits for the end of the stop is meant too

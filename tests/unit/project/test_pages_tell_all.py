@@ -26,7 +26,6 @@ from qrobot.wire.vocabulary import FLAG_MEANING, Request, RobotFlag
 ROOT = Path(__file__).parents[3]
 DOCS = ROOT / "docs"
 REFRESH = runpy.run_path(str(DOCS / "refresh.py"))
-FACTS = REFRESH["fault_facts"].FACTS
 KEYS = REFRESH["file_keys"]
 COMMAND_LINE = (DOCS / "reference/command-line.md").read_text()
 ALL_PAGES = "\n".join(path.read_text() for path in DOCS.rglob("*.md") if not {"_build", "decisions"} & {*path.parts})
@@ -54,7 +53,7 @@ def test_the_page_of_the_control_socket_has_every_request_with_its_fields() -> N
 def test_every_option_for_a_law_names_them_all() -> None:
     listed = re.findall(r"`: (.*) or your own as path/to/file\.py:name", COMMAND_LINE)
     complete = [names for names in listed if "..." not in names]
-    assert len(complete) == 3  # of ctl law, servo and demo
+    assert len(complete) == 4  # of ctl law, servo, run and demo
     for names in complete:
         assert set(LAWS) <= set(re.findall(r"[\w+-]+", names))
 
@@ -65,10 +64,6 @@ def test_every_option_of_the_command_line_has_words_and_no_opposite_that_is_so_a
     assert [name for name, words in options if not re.sub(r"\*+\[[^]]*\]\*+", "", words).strip()] == []
     assert set(re.findall(r"--(?:no|empty)-[a-z-]+", "".join(name for name, _ in options))) == {"--no-tracking"}
     assert "[default: ]" not in COMMAND_LINE
-
-
-def test_every_reaction_time_is_told_by_itself() -> None:
-    assert [code.name for code, fact in FACTS.items() if "likewise" in fact.bound] == []  # rows stand in another order
 
 
 def test_codes_in_what_a_program_prints_are_those_of_the_code() -> None:

@@ -967,12 +967,35 @@ def test_a_servo_that_takes_no_connection_any_more_runs_and_is_said_not_to_answe
         for _ in range(MAX_CLIENTS + 1):  # as many as the kernel keeps for whoever listens
             stack.enter_context(ServoClient("hung"))
         with pytest.raises(LinkTimeout, match="the servo of hung does not answer: press the emergency stop if"):
-            ServoClient("hung")
+            ServoClient("hung", timeout_s=0.01)
         front = stack.enter_context(create_servo_memory("hung", "puma560", "pd", 6, 1_000_000, 16)).front
         front.guardian.takeover = 1
         with pytest.raises(LinkTimeout, match="does not answer; its guardian has taken torque and power away"):
-            ServoClient("hung")
+            ServoClient("hung", timeout_s=0.01)
         assert arms_that_run() == ["hung"]
+
+
+@pytest.mark.usefixtures("runtime_folder")
+def test_a_client_waits_while_a_servo_lets_in_those_who_came_before(monkeypatch: pytest.MonkeyPatch) -> None:
+    with contextlib.ExitStack() as stack:
+        control = stack.enter_context(ControlSocket("slow", lambda *_: b"", lambda _: None))
+        for _ in range(MAX_CLIENTS + 1):
+            stack.enter_context(ServoClient("slow"))
+        monkeypatch.setattr(client_module, "sleep_between_looks", lambda _: control.serve(0.0))
+        stack.enter_context(ServoClient("slow"))
+
+
+def test_a_law_may_take_long_to_compile_and_what_is_obeyed_at_once_may_not(
+    servo: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with ServoClient(servo.arm) as client:
+        patience: list[float | None] = []
+        line = client._line
+        monkeypatch.setattr(client, "_line", lambda: (patience.append(client._socket.gettimeout()), line())[1])
+        client.change_law("pd")
+        client.change_override(0.5)
+        client.status()
+    assert patience == [client_module.COMPILE_PATIENCE_S, client_module.TIMEOUT_S, client_module.AT_ONCE_S]
 
 
 @pytest.mark.parametrize("ask", [ServoClient.stop, ServoClient.power_off, ServoClient.status, ServoClient.fences])

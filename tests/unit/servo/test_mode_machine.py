@@ -165,6 +165,36 @@ def test_power_is_refused_with_the_reason_and_not_given_later_by_itself(
     assert bench.mode is Mode.HOLDING
 
 
+@pytest.mark.parametrize("taken", [False, True], ids=["refused", "taken away"])
+def test_a_request_that_was_down_for_less_than_a_cycle_is_one_made_anew(taken: bool) -> None:
+    """Two COMMANDs that arrive together: the cycle sees the level of the second alone."""
+    bench = ServoBench()
+    bench.estop_ok = taken
+    if taken:
+        bench.hold().mailbox.request_power_off()
+    else:
+        bench.tick(3).mailbox.request_power(True)
+    bench.run(0.1)
+    bench.estop_ok = True
+    bench.run(1.0)
+    assert bench.mode is Mode.OFF
+    bench.mailbox.request_power(False)
+    bench.mailbox.request_power(True)
+    bench.run(0.1)
+    assert bench.mode is Mode.HOLDING
+
+
+def test_of_power_asked_for_and_taken_away_in_one_cycle_the_latter_counts() -> None:
+    bench = ServoBench().tick(3)
+    bench.mailbox.request_power_off()
+    bench.mailbox.request_power(True)
+    bench.run(1.0)
+    assert bench.mode is Mode.OFF
+    bench.mailbox.request_power(True)  # it is up already
+    bench.run(1.0)
+    assert bench.mode is Mode.OFF
+
+
 def test_a_servo_without_any_board_stays_off_and_says_so() -> None:
     bench = ServoBench()
     bench.frozen = True
