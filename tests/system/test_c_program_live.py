@@ -64,4 +64,4 @@ def test_the_arm_stops_when_return_is_hit_and_when_the_program_is_interrupted_s0
     assert process.returncode == 130
     assert complaint == "\ns04_stop_on_keyboard: interrupted; the arm is brought to rest\n"
     assert arm.mode is Mode.HOLDING
-    assert np.abs(np.asarray(arm.snapshot().v)).max() < 0.02
+    arm.wait_for_rest()

@@ -8,7 +8,6 @@ import shutil
 import subprocess
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from qrobot.modecodes import Mode
@@ -33,4 +32,4 @@ def test_a_task_in_c_swings_a_joint_and_leaves_the_arm_at_rest(arm: RunningArm, 
     assert found is not None
     assert float(found[1]) == pytest.approx(0.628, abs=0.02)
     wait_until(lambda: arm.mode is Mode.HOLDING, "the arm holds")
-    assert np.abs(arm.snapshot().v).max() < 0.05
+    arm.wait_for_rest()

@@ -17,6 +17,7 @@ from qrobot.rig.processes import ProcessRig
 from qrobot.servo.memory.mailbox import ServoMailbox
 from qrobot.servo.memory.published_state import FLAG_CALIBRATED, ServoSnapshot
 from qrobot.servo.memory.servo_memory import attach_servo_memory
+from qrobot.servo.operator.client import ServoClient
 from tests.support.patience import wait_until
 from tests.support.processes import left_behind, qrobot, write_deployment
 from tests.support.signals import default_signals
@@ -66,6 +67,24 @@ def test_a_calibration_whose_terminal_is_closed_or_that_is_ended_stops_and_gives
         command.communicate(timeout=CALIBRATION_S)
         wait_until(lambda: snapshot(arm).mode == Mode.OFF, f"power is off after {number.name}")
         assert snapshot(arm).event == FaultCode.CAL_STOPPED
+
+
+def test_a_calibration_that_nobody_follows_any_more_is_stopped(processes: ArmProcesses) -> None:
+    """Not one that `qrobot ctl calibrate` has begun, which nobody follows by its nature."""
+    arm = processes.arm.name
+    command = qrobot("calibrate", processes.deployment, "--arm", arm)
+    wait_until(lambda: snapshot(arm).mode == Mode.CALIBRATING, "the arm creeps")
+    command.kill()
+    command.communicate()
+    wait_until(lambda: snapshot(arm).mode != Mode.CALIBRATING, "the arm is stopped")
+    assert (snapshot(arm).mode, snapshot(arm).event) == (Mode.UNCALIBRATED, FaultCode.CAL_STOPPED)
+    with ServoClient(arm) as servo:
+        servo.calibrate()
+    before = snapshot(arm).tick
+    wait_until(lambda: snapshot(arm).tick > before + 500, "half a second of cycles")
+    assert snapshot(arm).mode == Mode.CALIBRATING
+    with ServoClient(arm) as servo:
+        servo.power_off()
 
 
 def snapshot(arm: str) -> ServoSnapshot:

@@ -59,7 +59,7 @@ ONCE = "once.py"
 SOURCE_OF_ONCE = """from qrobot import rccl
 
 with rccl.control("puma560") as arm:
-    arm.setjvel(0.3)
+    arm.setjvel(0.1)
     waist, *others = arm.joints
     for degrees in (-30.0, 0.0):
         arm.move(arm.jposition("swing", [waist + degrees, *others]))
@@ -399,8 +399,8 @@ def a_program_is_paused_while_no_page_drives_led_back_to_its_path_and_ended_by_s
     ahead = points_ahead(page)
     page.click("start-live")
     page.click("start-sure")
-    wait_until(lambda: 0 < points_ahead(page) < ahead / 2, "the arm has come over half of it")
-    wait_until(lambda: state_of_program(page) == "done", "the program is done")
+    while_it_is_led_on(page, lambda: 0 < points_ahead(page) < ahead / 2, "the arm has come over half of it")
+    while_it_is_led_on(page, lambda: state_of_program(page) == "done", "the program is done")
     wait_until(lambda: points_ahead(page) == 0, "nothing is ahead")
 
     page.click_at(f'[data-name="{PROGRAM}"]')
@@ -436,6 +436,16 @@ def points_ahead(page: Page) -> float:
 def the_path_ahead_of_one_that_returns_is_not_cut_short(page: Page) -> None:
     """There by a radian and back: the same places lie ahead once more until the turn, also when some were not seen."""
     assert page.run(THERE_AND_BACK, [0.2, 0.5, 1.0, 0.8, 0.3]) == [181, 151, 101, 81, 31]
+
+
+def while_it_is_led_on(page: Page, condition: Callable[[], bool], what: str) -> None:
+    """Wait for something that a program does; when the servo has stopped the arm, lead it back to the path."""
+
+    def comes() -> bool:
+        page.click_if("#program-pause[data-on]")
+        return condition()
+
+    wait_until(comes, what)
 
 
 def let_it_go_on(page: Page, arm: RunningArm) -> None:

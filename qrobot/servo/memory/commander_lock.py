@@ -73,5 +73,19 @@ class Authority:
                 segment.close()
 
     @property
+    def holder_was_killed(self) -> bool:
+        """Whoever held it last has died without giving it back, and nobody has taken it since."""
+        if self.held:
+            return False
+        try:
+            segment = SharedMemory.attach(self._name, LAYOUT)
+        except LinkError:
+            return False
+        try:
+            return not segment.owner_alive and segment.is_current  # one that is given back meanwhile is gone
+        finally:
+            segment.close()
+
+    @property
     def _name(self) -> str:
         return f"{self.arm}-commander"

@@ -10,10 +10,11 @@ from __future__ import annotations
 import threading
 import traceback
 from collections.abc import Callable
+from contextlib import suppress
 from functools import partial
 from typing import Final, TypeVar
 
-from qrobot.errors import LinkBusy, LinkTimeout, QRobotError
+from qrobot.errors import LinkBusy, LinkError, LinkTimeout, QRobotError
 from qrobot.faultcodes import FaultCode, explain
 from qrobot.modecodes import Mode
 from qrobot.model.payload_judge import PayloadJudge
@@ -159,6 +160,14 @@ class Controls:
         """Tell people and readers of a law that failed, unless one is being changed."""
         if not self._commanding.locked():
             self._laws.note_fallback()
+
+    def stop_abandoned_calibration(self) -> None:
+        """Stop a calibration whose commander was killed: nobody follows what the joints do any more."""
+        mailbox = self._servo.mailbox
+        with suppress(LinkError):  # the loop was interrupted while it wrote: the next look will do
+            if mailbox.snapshot().mode == Mode.CALIBRATING and self._authority.holder_was_killed:
+                self._servo.say("the calibration is stopped: the program that followed it was killed")
+                mailbox.request_stop()
 
     def _authorise(self, visitor: OperatorConnection) -> None:
         if self._commander not in (None, visitor):

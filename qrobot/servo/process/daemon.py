@@ -374,6 +374,7 @@ def _run_and_watch(process: ServoProcess, look: Look) -> None:
         try:
             while running.goes_on():
                 controls.note_fallback()
+                controls.stop_abandoned_calibration()
                 while problems:
                     process.say(problems.popleft())
                 incident = process.incident

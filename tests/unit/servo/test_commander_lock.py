@@ -5,13 +5,14 @@ from __future__ import annotations
 import subprocess
 import sys
 import uuid
+from typing import Any
 
 import pytest
 
 from qrobot.errors import LinkBusy
 from qrobot.rccl_bridge.lease import Lease
 from qrobot.realtime import shared_memory
-from qrobot.realtime.shared_memory import segment_path
+from qrobot.realtime.shared_memory import SharedMemory, segment_path
 from qrobot.servo.memory.commander_lock import LABEL_BYTES, Authority
 
 HOLD = """
@@ -89,12 +90,31 @@ def test_what_a_killed_holder_left_is_cleared_away_and_a_living_holder_is_not_di
         assert other.stdout.readline() == "held\n"
         Authority(arm).clear()
         assert Authority(arm).maybe_holder() is not None
+        assert not Authority(arm).holder_was_killed
         other.kill()
         other.wait()
     assert left.exists()
+    assert Authority(arm).holder_was_killed
     Authority(arm).clear()
     assert not left.exists()
     Authority(arm).clear()
+    assert not Authority(arm).holder_was_killed
+
+
+def test_a_holder_who_gives_it_back_while_somebody_looks_was_not_killed(
+    arm: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    authority = Authority(arm)
+    authority.take("me")
+    attach = SharedMemory.attach
+
+    def gone_meanwhile(*arguments: Any, **named: Any) -> SharedMemory:
+        segment = attach(*arguments, **named)
+        authority.release()
+        return segment
+
+    monkeypatch.setattr(SharedMemory, "attach", gone_meanwhile)
+    assert not Authority(arm).holder_was_killed
 
 
 def test_a_bridge_that_may_not_command_tells_its_client_who_does(arm: str) -> None:
