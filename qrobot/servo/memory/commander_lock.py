@@ -74,7 +74,7 @@ class Authority:
 
     @property
     def holder_was_killed(self) -> bool:
-        """Whoever held it last has died without giving it back, and nobody has taken it since."""
+        """True when whoever held it last has died without giving it back, and nobody has taken it since."""
         if self.held:
             return False
         try:
