@@ -1,9 +1,9 @@
 """A walk through a board that nobody has driven yet, in the order in which mistakes do least harm.
 
-First what only reads, then what writes without arm power, then power for an instant, at last a short push on each
-joint. A step that fails ends the walk, and whatever happens, torque and power are switched off at its end; a finding
-says when that is not seen to have worked. Everything goes over a `Bus`: the same walk is made on the emulated board, on
-one behind a gateway, and on a card in this machine.
+First what only reads, then what writes without arm power, then power for an instant, at last short pushes on
+single joints. A step that fails ends the walk, and whatever happens, torque and power are switched off at its end; a
+finding says when that is not seen to have worked. Everything goes over a `Bus`: the same walk is made on the emulated
+board, on one behind a gateway, and on a card in this machine.
 """
 
 from __future__ import annotations
@@ -14,7 +14,6 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from qrobot.config import Robot
 from qrobot.errors import QRobotError
 from qrobot.hwif.registers import (
     ADC_VALUE,
@@ -25,7 +24,6 @@ from qrobot.hwif.registers import (
     DISCRETE_HAND_RELAXED,
     DISCRETE_INDEX,
     DISCRETE_J6_OVERFLOW,
-    DISCRETE_POWER,
     ENC_COUNT,
     ENC_LOAD,
     N_ADCS,
@@ -37,31 +35,14 @@ from qrobot.hwif.registers import (
     STATUS_INDEX,
     STATUS_POWER,
 )
-from qrobot.rig.board_walk import SCRATCH, Walk
+from qrobot.rig.board_power import power_for_an_instant, push_each_joint, see_ways
+from qrobot.rig.board_walk import SCRATCH, LeftOutError, StepError, Walk, joints_named, reversed_counts
 from qrobot.rig.interrupts import interrupts_deferred
 from qrobot.servo.kernels.converter import code_volts
 
 LOAD_STEP: Final = 1000  # counts added to a counter to see that it takes a load
 STILL: Final = 5  # counts a standing joint may show
 CONVERSION_S: Final = 0.05
-POWER_S: Final = 5.0  # somebody has to press ARM POWER
-RELEASE_S: Final = 0.06  # brakes open
-PUSH_S: Final = 0.04
-PUSH_FRICTION: Final = 2.0  # times the friction the robot file expects: enough to move, too little to go far
-PUSH_SHARES: Final = (0.05, 0.6)  # of full torque, at least and at most
-PUSH_COUNTS: Final = 4  # least difference that a push must make
-
-
-class StepError(QRobotError):
-    """A step found something wrong.
-
-    Attributes:
-        remedy: what to do about it.
-    """
-
-    def __init__(self, detail: str, remedy: str) -> None:
-        super().__init__(detail)
-        self.remedy = remedy
 
 
 @dataclass(frozen=True)
@@ -81,7 +62,7 @@ class CheckStep(NamedTuple):
     look: Callable[[Walk], str]
     writes: bool = False
     powers: bool = False
-    hands: bool = False  # somebody has to turn or measure something
+    hands: bool = False  # somebody has to turn, measure or look at something
     question: str = ""
 
 
@@ -153,6 +134,8 @@ def _make(step: CheckStep, walk: Walk, allowed: Permissions) -> StepResult:
         if step.question and not walk.ask(step.question):
             return StepResult(step.name, None, "left out: not wanted")
         return StepResult(step.name, True, step.look(walk))
+    except LeftOutError as error:
+        return StepResult(step.name, None, f"left out: {error}")
     except StepError as error:
         return StepResult(step.name, False, str(error), error.remedy)
     except QRobotError as error:
@@ -227,7 +210,9 @@ def load_counters(walk: Walk) -> str:
     steps = zip(loaded, walk.moved(before), strict=True)
     wrong = [joint + 1 for joint, (by, back) in enumerate(steps) if abs(by - LOAD_STEP) > STILL or abs(back) > STILL]
     if wrong:
-        raise StepError(f"{_joints(wrong)} did not take a load", "is the arm at rest? else its counter is at fault")
+        raise StepError(
+            f"{joints_named(wrong)} did not take a load", "is the arm at rest? else its counter is at fault"
+        )
     walk.write((DISCRETE, kept))
     return f"{len(before)} counters take a load; their counts are back"
 
@@ -248,7 +233,7 @@ def arm_indexes(walk: Walk) -> str:
     wrong = [joint + 1 for joint in range(walk.robot.n) if not armed >> (8 + joint) & 1]
     if wrong:
         raise StepError(
-            f"the index flag of {_joints(wrong)} is not armed by its mask",
+            f"the index flag of {joints_named(wrong)} is not armed by its mask",
             "does the joint stand just on its index pulse? turn it a little; else the board's decoder differs",
         )
     index, bit_14 = _level(masked, STATUS_INDEX), _level(masked, STATUS_ADC_BUSY)
@@ -295,6 +280,8 @@ def measure_outputs(walk: Walk) -> str:
 def turn_by_hand(walk: Walk) -> str:
     """Joints without brakes, turned by hand towards positive angles, count the right way."""
     free = [j for j in range(walk.robot.n) if not walk.robot.transmission.brake[j]]
+    if not free:
+        raise LeftOutError("every joint has a brake")
     told = []
     for joint in free:
         before = walk.counts()
@@ -303,81 +290,17 @@ def turn_by_hand(walk: Walk) -> str:
         walk.look()
         by = walk.moved(before)[joint] * float(np.sign(walk.robot.transmission.rad_per_count[joint]))
         if by <= STILL:
-            raise StepError(f"joint {joint + 1} counted {by:+.0f}", "swap A and B of its encoder, or its count_sign")
+            raise StepError(f"joint {joint + 1} counted {by:+.0f}", reversed_counts(walk.robot))
+        walk.ways_seen.add(joint)
         told.append(f"joint {joint + 1} {by:+.0f}")
     return "counts towards positive angles: " + ", ".join(told)
-
-
-def power_for_an_instant(walk: Walk) -> str:
-    """Power comes with zero torque, and goes at once."""
-    walk.make_safe()
-    before, begin = walk.counts(), walk.t_s
-    _power_on(walk)
-    took_s = walk.t_s - begin
-    walk.make_safe()
-    if not walk.wait(0.5, lambda: not walk.status & STATUS_POWER):
-        raise StepError("power does not go off", "PRESS THE EMERGENCY STOP; the power relay is stuck")
-    walk.wait(0.3)
-    largest = max(map(abs, walk.moved(before)))
-    return f"on after {took_s * 1e3:.0f} ms, off at once; the arm moved by {largest} counts at most"
-
-
-def push_each_joint(walk: Walk) -> str:
-    """A short push to either side: the counts must differ in the direction the robot file says."""
-    told = []
-    for joint in range(walk.robot.n):
-        scale = walk.robot.transmission.dac_per_Nm[joint] * walk.robot.transmission.rad_per_count[joint]
-        up, down = (_pushed(walk, joint, side) for side in (1, -1))
-        by = (up - down) * float(np.sign(scale))
-        if abs(by) < PUSH_COUNTS:
-            raise StepError(
-                f"joint {joint + 1} does not answer to torque", "amplifier, fuse, or a brake that stays closed"
-            )
-        if by < 0:
-            raise StepError(
-                f"joint {joint + 1} runs against its torque", "swap its motor leads, or the sign of dac_per_Nm"
-            )
-        told.append(f"{joint + 1}: {by:+.0f}")
-    return "counts in the direction of torque, joint " + ", ".join(told)
-
-
-def _pushed(walk: Walk, joint: int, side: int) -> int:
-    """Counts joint `joint` moved in a push to one side; power is on only for that."""
-    walk.make_safe()
-    _power_on(walk)
-    walk.wait(RELEASE_S)
-    before = walk.counts()
-    walk.write((DAC + 2 * joint, DAC_ZERO + side * _push_steps(walk.robot, joint)))
-    walk.wait(PUSH_S)
-    moved = walk.moved(before)[joint]
-    walk.make_safe()
-    walk.wait(0.2)
-    return moved
-
-
-def _push_steps(robot: Robot, joint: int) -> int:
-    """Steps of the converter that move a joint against its friction."""
-    friction = robot.friction[robot.control.friction_preset]
-    largest = max(abs(friction.coulomb_pos[joint]), abs(friction.coulomb_neg[joint]))
-    share = PUSH_FRICTION * largest * abs(robot.transmission.dac_per_Nm[joint]) / DAC_ZERO
-    return round(DAC_ZERO * float(np.clip(share, *PUSH_SHARES)))
-
-
-def _power_on(walk: Walk) -> None:
-    walk.write((DISCRETE, walk.kept | DISCRETE_POWER))
-    if not walk.wait(POWER_S, lambda: bool(walk.status & STATUS_POWER)):
-        walk.make_safe()
-        raise StepError(f"no arm power within {POWER_S:.0f} s", "press ARM POWER when the walk asks for it")
-
-
-def _joints(numbers: list[int]) -> str:
-    return ("joint " if len(numbers) == 1 else "joints ") + ", ".join(map(str, numbers))
 
 
 _HOLD_ARM: Final = (
     "The brakes will open and the arm may sink by some degrees: is it supported or hanging, with nobody in its reach "
     "and a hand on the emergency stop?"
 )
+_LOOK_AT_JOINTS: Final = " Does somebody look at the joints from outside it, each with a line drawn across?"
 
 STEPS: Final = (
     CheckStep("the board answers", see_images),
@@ -398,6 +321,9 @@ STEPS: Final = (
         "encoders by hand", turn_by_hand, hands=True, question="Can the joints without brakes be turned by hand?"
     ),
     CheckStep("power for an instant", power_for_an_instant, writes=True, powers=True, question=_HOLD_ARM),
+    CheckStep(
+        "which way the joints go", see_ways, writes=True, powers=True, hands=True, question=_HOLD_ARM + _LOOK_AT_JOINTS
+    ),
     CheckStep("a push on each joint", push_each_joint, writes=True, powers=True, question=_HOLD_ARM),
 )
 """In this order."""

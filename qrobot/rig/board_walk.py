@@ -11,7 +11,7 @@ from typing import Final
 import numpy as np
 
 from qrobot.config import Robot
-from qrobot.errors import LinkTimeout
+from qrobot.errors import LinkTimeout, QRobotError
 from qrobot.hwif.bus import NO_OPERATIONS, BoardFacts, Bus, Operations, safe_operations
 from qrobot.hwif.image import IMAGE_COUNT, IMAGE_T_NS, input_at, make_image
 from qrobot.hwif.operations import OP_FIELDS, OP_READ, OP_WRITE
@@ -37,6 +37,22 @@ Confirm = Callable[[str], bool]
 RegisterAccess = tuple[int, int, int]
 
 
+class StepError(QRobotError):
+    """A step found something wrong.
+
+    Attributes:
+        remedy: what to do about it.
+    """
+
+    def __init__(self, detail: str, remedy: str) -> None:
+        super().__init__(detail)
+        self.remedy = remedy
+
+
+class LeftOutError(QRobotError):
+    """A step has nothing to look at; the text says why."""
+
+
 class Walk:
     """A connection to a board, its newest image, and an operator.
 
@@ -44,16 +60,21 @@ class Walk:
         bus: to the board; nobody else may drive it meanwhile.
         robot: what is expected behind it.
         ask: puts a question to the operator; False leaves something out.
+
+    Attributes:
+        ways_seen: joints that somebody has seen to count the way they go.
     """
 
     def __init__(self, bus: Bus, robot: Robot, ask: Confirm) -> None:
         self.bus, self.robot, self.ask = bus, robot, ask
         self.facts = BoardFacts("F", robot.n)
+        self.ways_seen: set[int] = set()
         self._image = make_image()
         self._found: int | None = None
 
     def begin(self) -> None:
         """Find the board. Raises LinkError."""
+        self.ways_seen.clear()
         self.facts = self.bus.connect()
 
     def look(self) -> None:
@@ -136,3 +157,14 @@ class Walk:
             self.do(armed, (OP_WRITE, ADC_MUX, channel << ADC_F_CHANNEL_SHIFT | ADC_F_COMMAND))
         else:
             self.do((OP_WRITE, ADC_MUX, channel), (OP_READ, ADC_START, 0), armed)
+
+
+def joints_named(numbers: list[int]) -> str:
+    """`joint 2` or `joints 2, 3`."""
+    return ("joint " if len(numbers) == 1 else "joints ") + ", ".join(map(str, numbers))
+
+
+def reversed_counts(robot: Robot) -> str:
+    """Remedy for an encoder that counts against its joint."""
+    key = "vendor_rad_per_count" if robot.transmission.scales == "vendor" else "count_sign"
+    return f"swap A and B of its encoder, or change its sign in {key} of the robot file"

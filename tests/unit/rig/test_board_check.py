@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import re
 import signal
 from collections.abc import Callable
 from typing import Any
@@ -11,7 +12,8 @@ import numpy as np
 import pytest
 
 from qrobot.arrays import Words
-from qrobot.config import load_robot
+from qrobot.config import Robot, load_robot
+from qrobot.config.values import frozen
 from qrobot.errors import LinkLost
 from qrobot.hwif.bus import BoardFacts, Operations
 from qrobot.hwif.image import IMAGE_ENC_COUNT, IMAGE_INPUTS, IMAGE_STATUS, make_image
@@ -28,8 +30,9 @@ from qrobot.hwif.registers import (
     STATUS_ADC_BUSY,
     STATUS_INDEX,
 )
-from qrobot.rig.board_check import STEPS, Permissions, StepError, StepResult, check_board
-from qrobot.rig.board_walk import SCRATCH, Walk
+from qrobot.rig.board_check import STEPS, Permissions, StepResult, check_board
+from qrobot.rig.board_power import see_ways
+from qrobot.rig.board_walk import SCRATCH, LeftOutError, StepError, Walk
 from qrobot.rig.interrupts import interrupted_by_signals
 from qrobot.sim_board.board import BoardOptions
 from qrobot.sim_board.emulator import Emulator
@@ -45,9 +48,9 @@ UNATTENDED = Permissions(power=True, hands=False)
 
 
 class Desk:
-    """A walk over the emulated arm, on virtual time; `spoil` changes what the bus shows."""
+    """A walk over the emulated arm, on virtual time; `spoil` changes what the bus shows, `told` is the robot file."""
 
-    def __init__(self, **options: Any) -> None:
+    def __init__(self, told: Robot = ROBOT, **options: Any) -> None:
         self.emulator = Emulator(ROBOT, physics="rigid", **options)
         self.end = SteppingEndpoint(self.emulator, steps=8, now_ns=1_000_000_000)
         self.asked: list[str] = []
@@ -55,7 +58,7 @@ class Desk:
         self.spoil: Callable[[Words], None] = lambda _image: None
         self.written: list[tuple[int, int]] = []
         self.bus = DirectBus(self)
-        self.walk = Walk(self.bus, ROBOT, self._ask)
+        self.walk = Walk(self.bus, told, self._ask)
 
     def facts(self) -> BoardFacts:
         return self.end.facts()
@@ -76,9 +79,14 @@ class Desk:
         return list(check_board(self.walk, leave))
 
     def by_hand(self, side: int) -> Callable[[str], bool]:
-        """Answers yes, and turns the joint that is asked for."""
+        """Say yes, turn the joint that is asked for, and see which way a joint went since the last question."""
+        before = self.emulator.q.copy()
 
         def answer(question: str) -> bool:
+            moved = self.emulator.q - before
+            if was_pushed := re.match(r"Joint (\d) .* was pushed", question):
+                return bool(moved[int(was_pushed[1]) - 1] > 0)
+            before[:] = self.emulator.q
             if question.startswith("Turn joint"):
                 joint = int(question.split()[2]) - 1
                 self.end.memory.panel.push[joint] = side * 4_000_000
@@ -230,6 +238,67 @@ def test_an_encoder_that_counts_backwards_is_found_by_hand() -> None:
     *_, last = desk.check(EVERYTHING)
     assert (last.step, last.ok) == ("encoders by hand", False)
     assert "swap A and B" in last.remedy
+
+
+def reversed_in(joint: int, *keys: str) -> Robot:
+    """The robot with another sign of `keys` at one joint: an arm whose wires there are swapped."""
+    signs = np.where(np.arange(ROBOT.n) == joint - 1, -1, 1)
+    changed = {key: frozen(getattr(ROBOT.transmission, key) * signs) for key in keys}
+    return ROBOT.model_copy(update={"transmission": ROBOT.transmission.model_copy(update=changed)})
+
+
+@pytest.mark.parametrize("start", ["park", "ready", "end"])
+@pytest.mark.parametrize(
+    ("keys", "step", "words"),
+    [
+        (("count_sign", "dac_per_Nm"), "which way the joints go", "swap A and B of its encoder"),
+        (("count_sign",), "which way the joints go", "swap A and B of its encoder"),
+        (("dac_per_Nm",), "a push on each joint", "swap its motor leads"),
+    ],
+)
+def test_a_joint_with_a_brake_that_is_reversed_or_mirrored_is_found_by_who_looks_at_it(
+    keys: tuple[str, ...], step: str, words: str, start: str
+) -> None:
+    desk = Desk(reversed_in(2, *keys), start=start)
+    desk.answer = desk.by_hand(+1)
+    *_, last = desk.check(EVERYTHING)
+    assert (last.step, last.ok) == (step, False), last
+    assert "joint 2" in last.detail
+    assert last.remedy.startswith(words)
+
+
+def test_where_nobody_looks_no_advice_makes_a_mirrored_joint_of_a_reversed_one_and_it_is_told() -> None:
+    *_, last = Desk(reversed_in(2, "count_sign")).check()
+    assert (last.step, last.ok) == ("a push on each joint", False)
+    assert "look which way the joint goes" in last.remedy
+    *_, ways, last = Desk(reversed_in(2, "count_sign", "dac_per_Nm")).check()
+    assert (ways.step, ways.ok) == ("which way the joints go", None)
+    assert "nobody saw which way joints 1, 2, 3, 4, 5, 6 went" in last.detail
+
+
+def test_who_did_not_see_which_way_a_joint_went_is_no_witness() -> None:
+    desk = Desk()
+    turns = desk.by_hand(+1)
+    desk.answer = lambda question: " further towards " not in question and turns(question)
+    *_, last = desk.check(EVERYTHING)
+    assert (last.step, last.ok) == ("which way the joints go", False)
+    assert last.detail == "nobody saw which way joint 1 went"
+
+
+def test_an_arm_with_brakes_on_every_joint_has_none_to_turn_by_hand_and_all_are_looked_at() -> None:
+    changed = {"brake": frozen(np.full(ROBOT.n, True))}
+    desk = Desk(ROBOT.model_copy(update={"transmission": ROBOT.transmission.model_copy(update=changed)}))
+    desk.answer = desk.by_hand(+1)
+    findings = desk.check(EVERYTHING)
+    assert [(finding.step, finding.detail) for finding in findings if finding.ok is not True] == [
+        ("encoders by hand", "left out: every joint has a brake")
+    ]
+    assert [question.split(" was pushed")[0] for question in desk.asked if " was pushed" in question] == [
+        f"Joint {number} ({name})" for number, name in enumerate(ROBOT.joint_names, 1)
+    ]
+    assert "nobody saw" not in findings[-1].detail
+    with pytest.raises(LeftOutError, match="all were turned by hand"):
+        see_ways(desk.walk)
 
 
 def lose_images(desk: Desk, when: Callable[[], bool], times: int = 1_000_000) -> None:

@@ -1,0 +1,139 @@
+"""The steps with arm power of a walk through a new board: power for an instant, then short pushes on single joints."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+
+from qrobot.config import Robot
+from qrobot.hwif.registers import DAC, DAC_ZERO, DISCRETE, DISCRETE_POWER, STATUS_POWER
+from qrobot.rig.board_walk import LeftOutError, StepError, Walk, joints_named, reversed_counts
+from qrobot.units import M_PER_MM, RAD_PER_DEG
+
+POWER_S: Final = 5.0  # somebody has to press ARM POWER
+RELEASE_S: Final = 0.06  # brakes open
+PUSH_S: Final = 0.04
+PUSH_FRICTION: Final = 2.0  # times the friction the robot file expects: enough to move, too little to go far
+PUSH_SHARES: Final = (0.05, 0.6)  # of full torque, at least and at most
+PUSH_COUNTS: Final = 4  # least difference that a push must make
+STAYS: Final = "amplifier, fuse, or a brake that stays closed"
+
+
+def power_for_an_instant(walk: Walk) -> str:
+    """Power comes with zero torque, and goes at once."""
+    walk.make_safe()
+    before, begin = walk.counts(), walk.t_s
+    _power_on(walk)
+    took_s = walk.t_s - begin
+    walk.make_safe()
+    if not walk.wait(0.5, lambda: not walk.status & STATUS_POWER):
+        raise StepError("power does not go off", "PRESS THE EMERGENCY STOP; the power relay is stuck")
+    walk.wait(0.3)
+    largest = max(map(abs, walk.moved(before)))
+    return f"on after {took_s * 1e3:.0f} ms, off at once; the arm moved by {largest} counts at most"
+
+
+def see_ways(walk: Walk) -> str:
+    """Joints that nobody has turned by hand, pushed: their counts go the way they are seen to go.
+
+    A push against the counts and the torque of the robot file alone cannot tell: where both are reversed it is right.
+    """
+    left = [joint for joint in range(walk.robot.n) if joint not in walk.ways_seen]
+    if not left:
+        raise LeftOutError("all were turned by hand")
+    told = []
+    for joint in left:
+        by = _pushed_to_be_seen(walk, joint) * walk.robot.transmission.rad_per_count[joint]
+        if _went_up(walk, joint, by) != (by > 0):
+            raise StepError(
+                f"the angle of joint {joint + 1} {'rose' if by > 0 else 'fell'} by its counts; it went the other way",
+                reversed_counts(walk.robot),
+            )
+        walk.ways_seen.add(joint)
+        told.append(f"{joint + 1}: {_distance(walk.robot, joint, by)}")
+    return "counts go the way the joints go, joint " + ", ".join(told)
+
+
+def _pushed_to_be_seen(walk: Walk, joint: int) -> int:
+    """Counts joint `joint` stands away from where it stood, after a push or two."""
+    before = walk.counts()
+    for side in (1, -1):
+        _pushed(walk, joint, side)
+        by = walk.moved(before)[joint]
+        if abs(by) >= PUSH_COUNTS:
+            return by
+    raise StepError(f"joint {joint + 1} was not moved by a push to either side", STAYS)
+
+
+def _went_up(walk: Walk, joint: int, by: float) -> bool:
+    """Whether the operator saw the joint go towards positive angles."""
+    name = f"Joint {joint + 1} ({walk.robot.joint_names[joint]})"
+    far = _distance(walk.robot, joint, abs(by))
+    if walk.ask(f"{name} was pushed by {far}: does it stand further towards positive angles than before?"):
+        return True
+    if walk.ask(f"{name}: does it stand further towards negative angles?"):
+        return False
+    raise StepError(
+        f"nobody saw which way joint {joint + 1} went", "draw a line across the joint, and make the walk again"
+    )
+
+
+def _distance(robot: Robot, joint: int, by: float) -> str:
+    return f"{by / M_PER_MM:.2f} mm" if robot.prismatic[joint] else f"{by / RAD_PER_DEG:.2f} degrees"
+
+
+def push_each_joint(walk: Walk) -> str:
+    """A short push to either side: the counts must differ in the direction the robot file says."""
+    told = []
+    for joint in range(walk.robot.n):
+        scale = walk.robot.transmission.dac_per_Nm[joint] * walk.robot.transmission.rad_per_count[joint]
+        up, down = (_pushed(walk, joint, side) for side in (1, -1))
+        by = (up - down) * float(np.sign(scale))
+        if abs(by) < PUSH_COUNTS:
+            raise StepError(f"joint {joint + 1} does not answer to torque", STAYS)
+        if by < 0:
+            raise StepError(f"joint {joint + 1} runs against its torque", _reversed_torque(walk, joint))
+        told.append(f"{joint + 1}: {by:+.0f}")
+    unseen = [joint + 1 for joint in range(walk.robot.n) if joint not in walk.ways_seen]
+    beside = f"; nobody saw which way {joints_named(unseen)} went" if unseen else ""
+    return "counts in the direction of torque, joint " + ", ".join(told) + beside
+
+
+def _reversed_torque(walk: Walk, joint: int) -> str:
+    motor = "swap its motor leads, or the sign of dac_per_Nm"
+    if joint in walk.ways_seen:
+        return motor
+    return (
+        "only one of both is reversed: look which way the joint goes when its angle is shown to rise; "
+        f"the wrong way: {reversed_counts(walk.robot)}; the right way: {motor}"
+    )
+
+
+def _pushed(walk: Walk, joint: int, side: int) -> int:
+    """Counts joint `joint` moved in a push to one side; power is on only for that."""
+    walk.make_safe()
+    _power_on(walk)
+    walk.wait(RELEASE_S)
+    before = walk.counts()
+    walk.write((DAC + 2 * joint, DAC_ZERO + side * _push_steps(walk.robot, joint)))
+    walk.wait(PUSH_S)
+    moved = walk.moved(before)[joint]
+    walk.make_safe()
+    walk.wait(0.2)
+    return moved
+
+
+def _push_steps(robot: Robot, joint: int) -> int:
+    """Steps of the converter that move a joint against its friction."""
+    friction = robot.friction[robot.control.friction_preset]
+    largest = max(abs(friction.coulomb_pos[joint]), abs(friction.coulomb_neg[joint]))
+    share = PUSH_FRICTION * largest * abs(robot.transmission.dac_per_Nm[joint]) / DAC_ZERO
+    return round(DAC_ZERO * float(np.clip(share, *PUSH_SHARES)))
+
+
+def _power_on(walk: Walk) -> None:
+    walk.write((DISCRETE, walk.kept | DISCRETE_POWER))
+    if not walk.wait(POWER_S, lambda: bool(walk.status & STATUS_POWER)):
+        walk.make_safe()
+        raise StepError(f"no arm power within {POWER_S:.0f} s", "press ARM POWER when the walk asks for it")
