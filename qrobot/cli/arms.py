@@ -153,9 +153,9 @@ def servo_settings(
     """Settings of the deployment file, with what the command line overrides.
 
     Raises:
-        ConfigError: a drive of the arm is missing, or what the file names is damaged or another robot's.
+        ConfigError: drives do not fit the robot file, or what the file names is damaged or another robot's.
     """
-    _require_drives(arm)
+    check_drives(arm)
     return ServoSettings(
         rate_hz=arm.servo.rate_hz if rate_hz is None else rate_hz,
         law=arm.servo.law if law is None else law,
@@ -186,12 +186,23 @@ def servo_settings(
     )
 
 
-def _require_drives(arm: DeployedArm) -> None:
-    """Raise ConfigError when there is not a drive for each joint."""
+def check_drives(arm: DeployedArm) -> None:
+    """Raise ConfigError when there is not a drive for each joint, or one would turn its motor the wrong way round."""
     drives = arm.board.drives
-    if drives is not None and len(drives.nodes) < (robot := robot_of_arm(arm)).n:
-        count = len(drives.nodes)
+    if drives is None:
+        return
+    robot = robot_of_arm(arm)
+    count = len(drives.nodes)
+    if count < robot.n:
         raise ConfigError(f"drives.nodes of {arm.name} names {count} drives, {robot.name} has {robot.n} joints")
+    right = drives.torque_for(robot)
+    if wrong := [joint + 1 for joint, each in enumerate(right) if each != drives.torque_permille[joint]]:
+        raise ConfigError(
+            f"drives.torque_permille of {arm.name} has the wrong sign for joint {', '.join(map(str, wrong))}, which "
+            f"would run away: by the scales of {robot.name} and increments_per_count it is "
+            f"[{', '.join(f'{each:g}' for each in right)}], where positive torque lets each drive's position rise; "
+            "that is set in the drive (its polarity), not here"
+        )
 
 
 def force_calibration_of(arm: DeployedArm) -> ForceCalibration | None:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import App, Parameter
 
-from qrobot.cli.arms import DEFAULT_DEPLOYMENT, choose_arm, choose_arms, robot_of_arm
+from qrobot.cli.arms import DEFAULT_DEPLOYMENT, check_drives, choose_arm, choose_arms, robot_of_arm
 from qrobot.cli.board_check import check
 from qrobot.cli.board_replay import replay
 from qrobot.cli.board_show import force, show
@@ -123,13 +123,18 @@ def refuse_options(arm: DeployedArm, **options: object) -> None:
 
 
 def run_gateway(arm: DeployedArm, record: Path | None = None) -> None:
-    """The gateway process of a board that is elsewhere. Raises LogError when there is no writing to `record`."""
+    """The gateway process of a board that is elsewhere.
+
+    Raises:
+        ConfigError: drives do not fit the robot file. LogError: there is no writing to `record`.
+    """
     from qrobot.hwif.gateway import serve
     from qrobot.hwif.recorder import BusRecorder
     from qrobot.hwif.transports import open_transport
     from qrobot.realtime.startup_order import await_turn
     from qrobot.servo.memory.servo_memory import arm_is_driven
 
+    check_drives(arm)
     await_turn()
     needed = partial(arm_is_driven, arm.name)
     with QueuedReport(lambda line: note(f"{arm.name}: {line}")) as report:

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
+import numpy as np
 from pydantic import Field, model_validator
 
 from qrobot.config.document import Table
+from qrobot.config.robot import Robot
 
 Node = Annotated[int, Field(ge=1, le=127)]
 Nonzero = Annotated[float, Field(allow_inf_nan=False)]
@@ -16,10 +18,11 @@ class DrivesTransport(Table):
     """A drive of CiA 402 for each joint in place of a board, in cyclic synchronous `mode`: torque or position.
 
     `nodes` are their numbers, joint by joint. `torque_permille` is the target torque at a converter's +10 V, in
-    thousandths of the rated torque; in position mode there is none. `increments_per_count` is the drive's position
-    increments for a count of the robot file; a negative number turns the direction around. `counts_at_zero` is the
-    counter at the drive's position 0; with `absolute` encoders it is right after power-up too, and the arm is
-    calibrated by it. Position mode needs that.
+    thousandths of the rated torque; in position mode there is none. A drive's torque is positive where its position
+    rises: each sign has to be the opposite of that of `dac_per_Nm` * radians per count * `increments_per_count`, and
+    any other is refused. `increments_per_count` is the drive's position increments for a count of the robot file; a
+    negative number turns the direction around. `counts_at_zero` is the counter at the drive's position 0; with
+    `absolute` encoders it is right after power-up too, and the arm is calibrated by it. Position mode needs that.
 
     Each drive maps control word and target torque (position) to RPDO 1, status word and actual position to TPDO 1, both
     synchronous, and stops by itself when SYNC stays away.
@@ -56,3 +59,14 @@ class DrivesTransport(Table):
         if self.mode == "position" and not self.absolute:
             raise ValueError("position mode needs absolute = true: counters are not loaded under a position loop")
         return self
+
+    def torque_for(self, robot: Robot) -> tuple[float, ...]:
+        """`torque_permille` of a robot's joints with the signs that let each motor turn the right way round.
+
+        A converter's +10 V are the word 0, and so -2048 / `dac_per_Nm` of motor torque; positive torque of a drive lets
+        its position rise, by as many increments as `increments_per_count` and the scale of the encoder say.
+        """
+        n = min(robot.n, len(self.torque_permille))
+        scale = robot.transmission.dac_per_Nm * robot.transmission.rad_per_count
+        signs = -np.sign(scale[:n] * np.array(self.increments_per_count[:n]))
+        return tuple((signs * np.abs(self.torque_permille[:n])).tolist())

@@ -7,11 +7,14 @@ import re
 import socket
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from qrobot.arrays import Floats
 from qrobot.cli.arms import servo_settings
-from qrobot.cli.board import board
-from qrobot.config import Deployment, load_deployment
+from qrobot.cli.board import board, run_gateway
+from qrobot.config import Deployment, load_deployment, load_robot
+from qrobot.config.deployment import DeployedArm
 from qrobot.errors import ConfigError, LinkError
 from qrobot.hwif.canbus.client import CanBus
 from qrobot.hwif.canbus.drives import DrivesBus
@@ -19,9 +22,11 @@ from qrobot.hwif.canbus.interface import open_interface
 from qrobot.hwif.canbus.multicast import LocalMulticast
 from qrobot.hwif.canbus.sensor import SensorBus
 from qrobot.hwif.transports import open_transport, servers
+from qrobot.model.transmission import DAC_ZERO, dac_code
 from tests.support.bus import BenchEndpoint
 from tests.support.deployment import LEFT
 
+GUIDE = Path(__file__).parents[3] / "docs/how-to/use-can.md"
 CAN = (
     LEFT
     + """kind = "can"
@@ -52,7 +57,7 @@ kind = "drives"
 interface = "virtual"
 channel = "x"
 nodes = [1, 2, 3, 4, 5, 6]
-torque_permille = [900, -900, 900, 900, 900, 900]
+torque_permille = [-900, -900, -900, 900, -900, -900]
 increments_per_count = [131.072, 131.072, 131.072, -131.072, 131.072, 131.072]
 counts_at_zero = [0, 0, 0, 8000, 0, 0]
 """
@@ -101,6 +106,47 @@ def test_an_arm_with_a_joint_that_has_no_drive_is_refused(tmp_path: Path) -> Non
         servo_settings(arm)
 
 
+@pytest.mark.parametrize("robot", ["puma560", "stanford"])
+@pytest.mark.parametrize("turned", [1, -1])
+def test_drives_that_would_turn_their_motors_the_wrong_way_round_are_refused(
+    tmp_path: Path, robot: str, turned: int
+) -> None:
+    transmission = load_robot(robot).transmission
+    increments = turned * np.array([100.0, 100.0, 100.0, -100.0, 100.0, 100.0])
+    # dac_code(tau) = 0x800 + tau dac_per_Nm, TorqueSetpoints: torque = (0x800 - word) permille / 0x800. Torque that
+    # lets the joint's counts rise lets the position rise by the sign of increments_per_count.
+    right = np.array(
+        [
+            float(np.sign(each)) * 900
+            for each in (DAC_ZERO - np.array([dac_code(1.0, dac) for dac in transmission.dac_per_Nm]))
+            * transmission.rad_per_count
+            * increments
+        ]
+    )
+
+    def arm_of(torque: Floats) -> DeployedArm:
+        table = re.sub(r"torque_permille = .*", f"torque_permille = {torque.tolist()}", DRIVES)
+        table = re.sub(r"increments_per_count = .*", f"increments_per_count = {increments.tolist()}", table)
+        return load(tmp_path, table.replace("puma560", robot)).arm[0]
+
+    assert not servo_settings(arm_of(right)).emulated
+    wrong = right * [1, 1, -1, 1, -1, 1]
+    with pytest.raises(ConfigError, match=r"torque_permille of left has the wrong sign for joint 3, 5") as refused:
+        servo_settings(arm_of(wrong))
+    assert f"[{', '.join(f'{each:g}' for each in right)}]" in str(refused.value)
+    with pytest.raises(ConfigError, match="would run away"):
+        run_gateway(arm_of(wrong))
+
+
+@pytest.mark.parametrize("example", [0, 1])
+def test_the_drives_of_the_guide_turn_their_motors_the_right_way_round(tmp_path: Path, example: int) -> None:
+    guide = GUIDE.read_text()
+    table = [each for each in re.findall(r"```toml\n(.*?)```", guide, re.S) if "[arm.board.drives]" in each][example]
+    head, key, _ = DRIVES.partition("[arm.board.drives]")
+    [arm] = load(tmp_path, head + key + table.partition(key)[2]).arm
+    assert servo_settings(arm).position_drives == bool(example)
+
+
 def test_a_law_is_refused_where_nobody_obeys_it(tmp_path: Path) -> None:
     table = DRIVES.replace("torque_permille", "#").replace("servo = {", "servo = { law = 'pid',")
     with pytest.raises(ConfigError, match=r"servo\.law means nothing to drives in position mode"):
@@ -112,7 +158,7 @@ def test_a_law_is_refused_where_nobody_obeys_it(tmp_path: Path) -> None:
     [
         ("[1, 2, 3, 4, 5, 6]", "[1, 2, 3, 4, 5, 5]", "same node number"),
         ("[1, 2, 3, 4, 5, 6]", "[1, 2, 3, 4, 5]", "torque_permille needs 5 numbers"),
-        ("-900", "0", "must not be 0"),
+        ("-900,", "0,", "must not be 0"),
         ("nodes", "mode = 'position'\nnodes", "torque_permille has no meaning in position mode"),
         ("torque_permille", "mode = 'position'\n#", "position mode needs absolute = true"),
         ("nodes", "mode = 'velocity'\nnodes", "'torque' or 'position'"),
