@@ -144,7 +144,7 @@ def _tried_as_code(question: Question) -> tuple[dict[str, Any], bytes]:
         loaded = LoadedLaw(
             code, law.settings, law.values, law.__doc__, law.signals
         )  # the very code that the servo will run
-    prove_harmless(law, question.name, question.robot, _each_at_most(compiled, math.inf))
+    prove_harmless(law, question.name, question.robot, _each_at_most(compiled, math.inf), compiled=True)
     with _at_most(signal.ITIMER_PROF, TRIAL_S):
         prove(loaded, question.name, question.robot, question.period_ns)
     settings = [asdict(setting) for setting in law.settings]

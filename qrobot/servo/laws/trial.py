@@ -18,7 +18,7 @@ from qrobot.realtime.jit import lean_kernel
 from qrobot.servo.laws.file import law_and_line
 from qrobot.servo.laws.law import ARGUMENTS, Law, is_finite
 from qrobot.servo.laws.law_swap import law_at
-from qrobot.servo.laws.trial_inputs import Arguments, at_extremes, at_pose, in_motion
+from qrobot.servo.laws.trial_inputs import Arguments, at_extremes, at_pose, at_poses, in_motion
 
 TIMED_CALLS: Final = 1000
 CALLS_IN_MOTION: Final = 20
@@ -43,13 +43,12 @@ def prove(law: Law, name: str, robot: Robot, period_ns: int) -> None:
 def prove_finite(law: Law, name: str, robot: Robot) -> None:
     """Raises ConfigError when the law does not compile, or gives a torque that is not finite at one of the poses."""
     address = law.address
-    for pose, q in robot.poses.items():
-        arguments = at_pose(law, robot, q)
+    for where, arguments in at_poses(law, robot):
         _timed_calls(address, arguments, np.zeros(1, dtype=np.int64))
         tau = arguments[-1]
         if not is_finite(tau):
             joint = 1 + int(np.flatnonzero(~np.isfinite(tau))[0])
-            raise ConfigError(f"law {name} gives joint {joint} no finite torque at the pose {pose!r}")
+            raise ConfigError(f"law {name} gives joint {joint} no finite torque {where}")
 
 
 def prove_quick(law: Law, name: str, robot: Robot, period_ns: int) -> None:
@@ -62,25 +61,29 @@ def prove_quick(law: Law, name: str, robot: Robot, period_ns: int) -> None:
         )
 
 
-def prove_harmless(law: Law, name: str, robot: Robot, call: Call) -> None:
+def prove_harmless(law: Law, name: str, robot: Robot, call: Call, compiled: bool = False) -> None:
     """Run the law through `call` on everything it could meet.
+
+    Args:
+        compiled: `call` is machine code, which may not raise at all: a helper that was compiled before its law, with
+            Numba's own options, raises where a quotient by zero is a number in the law itself.
 
     Raises:
         ConfigError: it raises an exception, reaches past the end of an array, or changes what it may only read.
     """
-    for arguments in (*(at_pose(law, robot, q) for q in robot.poses.values()), *in_motion(law, robot)):
-        _call_once(call, name, "", arguments)
+    for arguments in (*(at for _, at in at_poses(law, robot)), *in_motion(law, robot)):
+        _call_once(call, name, "", arguments, compiled)
     for where, arguments in at_extremes(law, robot):
-        _call_once(call, name, f" with {where}", arguments)
+        _call_once(call, name, f" with {where}", arguments, compiled)
 
 
-def _call_once(call: Call, name: str, where: str, arguments: Arguments) -> None:
+def _call_once(call: Call, name: str, where: str, arguments: Arguments, compiled: bool) -> None:
     before = [argument.tobytes() for argument in arguments]
     try:
         with np.errstate(all="ignore"):
             call(*arguments)
     except (IndexError, OverflowError, ValueError, ArithmeticError, TypeError) as error:
-        if _is_harm(error):
+        if compiled or _is_harm(error):
             raise ConfigError(f"law {law_and_line(name, error)}{where}: {type(error).__name__}: {error}") from error
     for argument, said, bytes_before in zip(ARGUMENTS, arguments, before, strict=True):
         if argument not in _MAY_CHANGE and said.tobytes() != bytes_before:
@@ -88,7 +91,7 @@ def _call_once(call: Call, name: str, where: str, arguments: Arguments) -> None:
 
 
 def _is_harm(error: Exception) -> bool:
-    """Whether compiled code would fail, too; a quotient by zero and a root of -1 are numbers there."""
+    """Whether compiled code would fail where plain Python did; a quotient by zero and a root of -1 are numbers there."""
     if isinstance(error, ArithmeticError):
         return "to integer" in str(error)
     return isinstance(error, IndexError) or not any(words in str(error) for words in _SILENT)

@@ -33,6 +33,16 @@ def at_pose(law: Law, robot: Robot, q: Floats) -> Arguments:
     return (*vectors, *told, np.zeros(MEMORY_WORDS), np.array([1e-3]), np.full(n, np.nan))
 
 
+def at_poses(law: Law, robot: Robot) -> Iterator[tuple[str, Arguments]]:
+    """The arm at each pose of the robot file, by name: near its reference, and at it to the last bit, as when taken
+    over."""
+    for pose, q in robot.poses.items():
+        yield f"at the pose {pose!r}", at_pose(law, robot, q)
+        arguments = dict(zip(ARGUMENTS, at_pose(law, robot, q), strict=True))
+        arguments["q_ref"][:], arguments["v_ref"][:] = q, 0.0
+        yield f"at the pose {pose!r} without any error", tuple(arguments.values())
+
+
 def in_motion(law: Law, robot: Robot) -> Iterator[Arguments]:
     """Random states within the robot's limits, the same ones every time; each goes on with the memory of the last."""
     rng, limits, memory = np.random.default_rng(SEED), robot.limits, np.zeros(MEMORY_WORDS)

@@ -150,6 +150,16 @@ def test_a_law_that_fills_not_every_joint_is_refused(tmp_path: Path) -> None:
         prove_finite(find_law(name, ROBOT), name, ROBOT)
 
 
+def test_a_law_without_a_finite_torque_where_the_arm_stands_at_its_reference_is_refused(tmp_path: Path) -> None:
+    text = "@law\ndef sign(q_ref, q, tau):\n    for j in range(tau.size):\n        e = q_ref[j] - q[j]\n"
+    name = str(written(tmp_path, HEAD + text + "        tau[j] = e / abs(e)\n"))
+    with (
+        np.errstate(all="ignore"),
+        pytest.raises(ConfigError, match="gives joint 1 no finite torque at the pose '.*' without any error"),
+    ):
+        prove_finite(find_law(name, ROBOT), name, ROBOT)
+
+
 def test_a_law_that_takes_most_of_a_cycle_is_refused_with_both_numbers(tmp_path: Path) -> None:
     text = HEAD + (
         "@law\ndef busy(q, tau):\n    x = q[0]\n    for k in range(400000):\n        x = x * 0.999 + 1e-3 * k\n"

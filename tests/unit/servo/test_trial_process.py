@@ -86,6 +86,31 @@ def test_a_law_that_could_do_harm_is_refused_and_told_where(line: str, words: st
     assert words in str(refusal.value)
 
 
+def test_a_quotient_by_zero_is_a_number_in_compiled_code_unless_that_raises_it_itself() -> None:
+    def raising(*arguments: np.ndarray) -> None:
+        raise ZeroDivisionError("division by zero")
+
+    prove_harmless(idle, "mine", ROBOT, raising)
+    with pytest.raises(ConfigError, match="law mine: ZeroDivisionError: division by zero"):
+        prove_harmless(idle, "mine", ROBOT, raising, compiled=True)
+
+
+RATIO = """
+from numba import njit
+@njit("f8(f8, f8)"OPTIONS)
+def ratio(a, b):
+    return a / b
+"""
+USES_RATIO = ZEROS.replace("mine(q,", "mine(v, memory,") + "    memory[0] = ratio(tau[0], v[0])\n"
+
+
+@pytest.mark.skipif(jit_disabled(), reason="the helper is plain Python then")
+def test_a_helper_that_was_compiled_before_its_law_and_raises_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="ZeroDivisionError: division by zero"):
+        tried(tmp_path, RATIO.replace("OPTIONS", "") + USES_RATIO)
+    assert tried(tmp_path, RATIO.replace("OPTIONS", ', error_model="numpy"') + USES_RATIO).address
+
+
 def test_a_law_that_writes_past_its_result_is_refused(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="index 7 is out of bounds"):
         tried(tmp_path, ZEROS + BAD[0][0])
