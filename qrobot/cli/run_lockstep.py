@@ -127,7 +127,7 @@ class LockstepArm:
         arm, rig = self.arm, self.rig
         settings, plant = rig.settings, self._plant or arm.board.plant
         choices = settings.velocity, settings.interpolation
-        laws, tool = [rig.law_in_force()], tool_of_arm(arm)
+        laws, tool = rig.laws_in_force(), tool_of_arm(arm)
         header = header_for(self._robot, rig.period_ns, laws[0].law, LOCKSTEP, plant, *choices)
         attachments = attach_files([robot_path(arm.robot), deployment_path(deployment)])
         fences = told_fences(arm, self._robot)

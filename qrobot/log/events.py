@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from itertools import pairwise
 from typing import Any, Final, Literal
 
@@ -64,7 +64,9 @@ def row_events(rows: Rows, t_s: Floats) -> list[LogEvent]:
 
 
 def _law_events(log: Log) -> Iterator[LogEvent]:
-    for before, after in pairwise(log.laws):
+    for before, after in pairwise(log.laws if log.rows.size else ()):
+        if _names_alone(before, after):
+            continue
         t_s = (after.t_ns - int(log.rows["t_ns"][0])) * 1e-9
         if after.told != before.told:
             yield LogEvent(t_s, after.tick, "law", after.law, f"law {before.told} -> {after.told}")
@@ -72,6 +74,12 @@ def _law_events(log: Log) -> Iterator[LogEvent]:
             yield LogEvent(t_s, after.tick, "gains", "gains", text)
         elif after.told == before.told:  # a law in a file may have another text now
             yield LogEvent(t_s, after.tick, "law", after.law, f"law {after.told} anew")
+
+
+def _names_alone(before: LawInForce, after: LawInForce) -> bool:
+    """Whether the names of a program's numbers are all that changed."""
+    same = replace(after, t_ns=before.t_ns, tick=before.tick, program_signals=before.program_signals) == before
+    return same and before.program_signals != after.program_signals
 
 
 def _gains_told(before: LawInForce, after: LawInForce) -> str:

@@ -93,9 +93,13 @@ class Log:
 
     @property
     def program_signal_names(self) -> tuple[str, ...]:
-        """Names of the first columns of `rows["program_signals"]`; none when programs of the log do not agree."""
-        names = {law.program_signals for law in self.laws} - {""}
-        return tuple(names.pop().split()) if len(names) == 1 else ()
+        """Names of the first columns of `rows["program_signals"]`; none when programs of the log do not agree.
+
+        A program names its numbers one by one: a list agrees with the longer ones that begin with it.
+        """
+        names = sorted({tuple(law.program_signals.split()) for law in self.laws}, key=len)
+        agree = all(longer[: len(one)] == one for one, longer in pairwise(names))
+        return names[-1] if names and agree else ()
 
     def maybe_law_at(self, tick: int) -> LawInForce | None:
         """Law and gains in cycle number `tick`; None when the log does not tell."""

@@ -161,7 +161,7 @@ def run_lockstep(run: ExperimentRun, directory: Path, robot: Robot | None = None
     rows = rig.rows()
     header = header_for(robot, rig.period_ns, run.law_label, LOCKSTEP, run.plant, run.velocity, run.interpolation)
     directory.mkdir(parents=True, exist_ok=True)
-    path = write_log(directory / f"{run.name}.mcap", rows, header, laws=[rig.law_in_force()], robot=robot)[0]
+    path = write_log(directory / f"{run.name}.mcap", rows, header, laws=rig.laws_in_force(), robot=robot)[0]
     return _result(run, read_log(path), rig.realtime_factor, hashlib.sha256(rows.tobytes()).hexdigest())
 
 

@@ -92,7 +92,6 @@ class LockstepRig:
         now_ns: virtual time.
         loop_arguments: what the compiled loop works on.
         lease: who commands; as in real time, one program at a time.
-        signal_names: of the newest program that told numbers for the log.
         realtime_factor: virtual time over wall-clock time of the newest program, from its first packet on: generator,
             packets, bridge, servo, board and plant together.
 
@@ -128,7 +127,7 @@ class LockstepRig:
         self.now_ns = START_NS
         self.lease = Lease()
         self.realtime_factor = 0.0
-        self.signal_names: tuple[str, ...] = ()
+        self._namings = [(0, 0, "")]  # time and tick from which a program's numbers had which names
         info = self.mailbox.info
         self._reader = TelemetryReader(words, info.telemetry_base, info.telemetry_capacity, robot.n)
         self._kept: list[Rows] | None = [] if keep_telemetry else None
@@ -168,12 +167,16 @@ class LockstepRig:
         """Advance by `seconds` of virtual time, rounded to whole cycles."""
         self.ticks(round(seconds * NS_PER_S / self.period_ns))
 
-    def law_in_force(self) -> LawInForce:
-        """Law, gains and names of signals, for a log."""
+    def note_names(self) -> None:
+        """Note the names of a program's numbers for the log, where they are others now."""
+        if (names := " ".join(self.mailbox.signal_names())) != self._namings[-1][2]:
+            self._namings.append((self.now_ns, self.mailbox.snapshot().tick + 1, names))  # from the next cycle on
+
+    def laws_in_force(self) -> list[LawInForce]:
+        """Law, gains and names of signals, for a log: an entry for each time a program's numbers had other names."""
         kp, kv, inertia = (tuple(row) for row in np.array(self.state.swap.gains).tolist())
-        label, told = law_label(self.settings.law), settings_text(self.law.chosen)
-        names = " ".join(self.law.signals), " ".join(self.signal_names)
-        return LawInForce(0, 0, label, told, kp, kv, inertia, *names)
+        law = law_label(self.settings.law), settings_text(self.law.chosen), kp, kv, inertia, " ".join(self.law.signals)
+        return [LawInForce(t_ns, tick, *law, names) for t_ns, tick, names in self._namings]
 
     def rows(self) -> Rows:
         """Telemetry of every cycle so far that has not been taken, oldest first."""
@@ -215,7 +218,7 @@ class LockstepBridge:
             self._session = self._new_session()
         if data:
             answer = self._carry_out(self._session.receive(data, self._rig.now_ns)).data
-            self._rig.signal_names = self._rig.mailbox.signal_names() or self._rig.signal_names
+            self._rig.note_names()
         return answer or self._next_state()
 
     def _carry_out(self, actions: Iterable[Action]) -> SessionOutcome:

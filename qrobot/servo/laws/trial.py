@@ -91,7 +91,7 @@ def _call_once(call: Call, name: str, where: str, arguments: Arguments, compiled
 
 
 def _is_harm(error: Exception) -> bool:
-    """Whether compiled code would fail where plain Python did; a quotient by zero and a root of -1 are numbers there."""
+    """Whether compiled code would fail as Python did; a quotient by zero and a root of -1 are numbers there."""
     if isinstance(error, ArithmeticError):
         return "to integer" in str(error)
     return isinstance(error, IndexError) or not any(words in str(error) for words in _SILENT)

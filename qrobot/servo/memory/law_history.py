@@ -1,8 +1,9 @@
 """The journal: which law with which gains has been in force since when, in servo memory, for whoever keeps a log.
 
-A telemetry row has no room for names. So the servo's main thread adds an entry at its start and after every swap, to a
-small ring of the same kind as the rows' (`servo.memory.telemetry`), with the tick of the first cycle the loop ran under
-it.
+A telemetry row has no room for names. So the servo's main thread adds an entry at its start, after every swap, for
+other names of a program's numbers, and when the law before is back, to a small ring of the same kind as the rows'
+(`servo.memory.telemetry`), with the tick of the first cycle the loop ran under it. Names and a law that is back are
+seen by the main thread a little later than by the loop.
 """
 
 from __future__ import annotations

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import threading
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
 
-from qrobot.errors import LinkLost, QRobotError
+from qrobot.errors import LinkError, LinkLost, QRobotError
 from qrobot.modecodes import Mode
 from qrobot.servo.laws import law_label
 from qrobot.servo.laws.law import KP, KV, M0, Law
@@ -23,6 +24,7 @@ from qrobot.servo.laws.law_swap import (
 from qrobot.servo.laws.stability import check_gains
 from qrobot.servo.laws.trial_process import tried_law
 from qrobot.servo.memory.law_history import LawInForce, settings_text, write_entry
+from qrobot.servo.memory.published_state import ServoSnapshot
 from qrobot.servo.memory.servo_memory import describe_law, journal_base
 from qrobot.servo.modes import mode_name
 from qrobot.servo.operator.controlled import Controlled
@@ -38,8 +40,8 @@ class LawChanges:
     def __init__(self, servo: Controlled) -> None:
         self._servo = servo
         self._kept = [(servo.law, servo.law_name)]  # the loop may still be in one: none is ever let go
-        self._names_told = 0
-        self._note()
+        self._names_told, self._names_noted = 0, ""
+        self._note_swap()
 
     def change_law(self, request: ChangeLaw, given_up: threading.Event) -> None:
         """Try the law beside the loop, which goes on, then ask for the swap, unless whoever wanted it has gone."""
@@ -64,7 +66,7 @@ class LawChanges:
         _wait_for_swap(servo.swap)
         servo.law = law
         self._kept.append((law, servo.law_name))
-        self._note()
+        self._note_swap()
         servo.say(f"law {servo.law_name}: {settings_text(law.chosen)}")
 
     def change_gains(self, request: ChangeGains) -> None:
@@ -79,6 +81,7 @@ class LawChanges:
         if mode not in (Mode.OFF, Mode.HOLDING):  # before the gains are judged: that takes a moment
             raise _not_now(mode)
         check_gains(servo.robot, servo.settings, name, gains, law.chosen)
+        self._note_names(servo.mailbox.snapshot())
         self._kept.append((law, name))
         ask_for_law(servo.swap, law, gains)
         result = _wait_for_swap(servo.swap)
@@ -90,7 +93,7 @@ class LawChanges:
             raise QRobotError(f"law {name} writes past the end of an array where the arm stands: it has not been taken")
         servo.law, servo.law_name = law, name
         describe_law(servo.mailbox.words, law_label(name))
-        self._note()
+        self._note_swap()
         servo.say(f"law {name}, gains Kp {_listed(gains[KP])} Kv {_listed(gains[KV])}")
 
     def note_fallback(self) -> None:
@@ -98,25 +101,37 @@ class LawChanges:
 
         Readers also hear of new names of a program's numbers. To be called while no law is being changed.
         """
-        told = int(self._servo.mailbox.memory.command.names_told)
-        if told != self._names_told:
-            self._names_told = told
-            self._note()
+        with suppress(LinkError):  # the loop was interrupted while it wrote: the next look will do
+            now = self._servo.mailbox.snapshot()
+            self._note_names(now)
+            self._note_law_before(now)
+
+    def _note_names(self, now: ServoSnapshot) -> None:
+        mailbox = self._servo.mailbox
+        told = int(mailbox.memory.command.names_told)
+        if told != self._names_told and " ".join(mailbox.signal_names()) != self._names_noted:
+            self._note(now.t_ns, now.tick)
+        self._names_told = told
+
+    def _note_law_before(self, now: ServoSnapshot) -> None:
         servo, address = self._servo, int(self._servo.swap.law_at)
         if address == servo.law.address:
             return
         servo.law, servo.law_name = next(kept for kept in reversed(self._kept) if kept[0].address == address)
         describe_law(servo.mailbox.words, law_label(servo.law_name))
-        self._note()
+        self._note(now.t_ns, now.tick)
         servo.say(f"law {servo.law_name} is in force again: the one after it has failed")
 
-    def _note(self) -> None:
+    def _note_swap(self) -> None:
         """Tell whoever keeps a log what is in force since the last swap, or from the start."""
+        self._note(int(self._servo.swap.done_t_ns), int(self._servo.swap.done_tick))
+
+    def _note(self, t_ns: int, tick: int) -> None:
         servo, swap = self._servo, self._servo.swap
         kp, kv, inertia = (floats(swap.gains[row]) for row in (KP, KV, M0))
-        t_ns, tick, label = int(swap.done_t_ns), int(swap.done_tick), law_label(servo.law_name)
-        settings = settings_text(servo.law.chosen)
+        label, settings = law_label(servo.law_name), settings_text(servo.law.chosen)
         signals, program = " ".join(servo.law.signals), " ".join(servo.mailbox.signal_names())
+        self._names_noted = program
         entry = LawInForce(t_ns, tick, label, settings, kp, kv, inertia, signals, program)
         write_entry(servo.mailbox.words, journal_base(servo.mailbox.info.n), entry)
 

@@ -39,7 +39,7 @@ def test_a_programs_numbers_are_in_the_log_by_name_until_it_lets_go(tmp_path: Pa
         with pytest.raises(MotionError, match="log_signal"):
             arm.log_signal("depth", "deep")  # type: ignore[arg-type]
     assert rig.mailbox.signal_names() == ()
-    write_log(tmp_path / "run.mcap", rig.rows(), make_header(), laws=[rig.law_in_force()])
+    write_log(tmp_path / "run.mcap", rig.rows(), make_header(), laws=rig.laws_in_force())
     log = read_log(tmp_path / "run.mcap")
     assert log.program_signal_names == ("depth", "parts")
     columns = table_columns(log)
@@ -47,6 +47,22 @@ def test_a_programs_numbers_are_in_the_log_by_name_until_it_lets_go(tmp_path: Pa
     assert set(depth[~np.isnan(depth)].tolist()) == {1.5, 2.0}
     assert {"depth 1.5 to 2", "parts 3 to 3"} <= set(sensed(log))
     assert "signals" in figures_of(log)
+
+
+def test_numbers_of_one_program_do_not_get_the_names_of_the_next(tmp_path: Path) -> None:
+    rig = LockstepRig(ROBOT, ServoSettings(rate_hz=1000.0), Emulator(ROBOT, physics="rigid", start="ready"))
+    with rccl.use(lambda hello: link_factory(rig, 28_000, hello)):
+        for name in ("force", "height"):
+            with rccl.control(ROBOT.name) as arm:
+                arm.log_signal(name, 1.5)
+                arm.waitas(iter([False] * 3 + [True]).__next__)
+    write_log(tmp_path / "run.mcap", rig.rows(), make_header(), laws=rig.laws_in_force())
+    log = read_log(tmp_path / "run.mcap")
+    ticks = log.rows["tick"][~np.isnan(log.rows["program_signals"][:, 0])].tolist()
+    told = [log.maybe_law_at(tick) for tick in (ticks[0], ticks[-1], ticks[-1] + 1)]
+    assert [law.program_signals for law in told if law is not None] == ["force", "height", ""]
+    assert log.program_signal_names == ()
+    assert "program_signals_1" in table_columns(log)
 
 
 def test_a_ninth_name_is_refused_and_a_load_is_believed_off_line() -> None:

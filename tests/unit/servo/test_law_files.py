@@ -155,7 +155,7 @@ def test_a_law_without_a_finite_torque_where_the_arm_stands_at_its_reference_is_
     name = str(written(tmp_path, HEAD + text + "        tau[j] = e / abs(e)\n"))
     with (
         np.errstate(all="ignore"),
-        pytest.raises(ConfigError, match="gives joint 1 no finite torque at the pose '.*' without any error"),
+        pytest.raises(ConfigError, match=r"gives joint 1 no finite torque at the pose '.*' without any error"),
     ):
         prove_finite(find_law(name, ROBOT), name, ROBOT)
 

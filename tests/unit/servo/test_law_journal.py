@@ -164,7 +164,7 @@ def test_modes_and_faults_are_events_in_the_order_of_cause_and_effect() -> None:
 
 
 def test_a_log_without_rows_has_no_events() -> None:
-    assert log_events(Log(Path("run.mcap"), make_header(), make_rows(0))) == []
+    assert log_events(Log(Path("run.mcap"), make_header(), make_rows(0), laws=(entry(0), entry(60, "pd")))) == []
 
 
 def test_figures_mark_laws_and_faults_by_name_and_of_very_many_the_first() -> None:

@@ -1,0 +1,132 @@
+"""Names of a program's numbers, and a law that came back: from the servo's main thread into the log, when it was so."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, cast
+
+import pytest
+
+from qrobot.errors import LinkError
+from qrobot.log.events import log_events
+from qrobot.log.read import Log, read_log
+from qrobot.log.record import write_log
+from qrobot.servo.laws import find_law
+from qrobot.servo.laws.law import Law
+from qrobot.servo.laws.law_swap import SwapState, fall_back
+from qrobot.servo.memory.law_history import JournalReader
+from qrobot.servo.memory.mailbox import ServoMailbox
+from qrobot.servo.memory.servo_memory import journal_base
+from qrobot.servo.operator import law_changes
+from qrobot.servo.operator.law_changes import LawChanges
+from qrobot.servo.operator.messages import ChangeGains
+from tests.support.log_samples import make_header
+from tests.support.puma import ROBOT
+from tests.support.servo_bench import ServoBench
+
+
+@dataclass
+class Servo:
+    """A servo on the bench, as far as `LawChanges` touches it."""
+
+    bench: ServoBench = field(default_factory=lambda: ServoBench(law=find_law("qrobot", ROBOT)).tick(5))
+    law: Law = field(default_factory=lambda: find_law("qrobot", ROBOT))
+    law_name: str = "qrobot"
+    said: list[str] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        self.robot, self.settings, self.mailbox = ROBOT, self.bench.settings, self.bench.mailbox
+        self.swap: SwapState = self.bench.state.swap
+        self.changes = LawChanges(cast(Any, self))
+
+    def say(self, message: str) -> None:
+        self.said.append(message)
+
+    def name(self, *names: str) -> int:
+        """Name numbers, as the bridge does; the tick from which the log has them."""
+        self.mailbox.name_signals(names)
+        self.changes.note_fallback()
+        tick = self.mailbox.snapshot().tick
+        self.bench.tick(10)
+        return tick
+
+    def logged(self, folder: Path) -> Log:
+        journal = JournalReader(self.mailbox.words, journal_base(ROBOT.n), ROBOT.n)
+        write_log(folder / "run.mcap", self.bench.rows(), make_header(), laws=journal.read())
+        return read_log(folder / "run.mcap")
+
+
+@pytest.fixture
+def servo(monkeypatch: pytest.MonkeyPatch) -> Servo:
+    servo = Servo()
+    monkeypatch.setattr(law_changes, "await_loop", lambda _: servo.bench.tick(1))
+    return servo
+
+
+@pytest.mark.parametrize(
+    ("namings", "names"),
+    [
+        ([("force",), ()], ("force",)),
+        ([("force",), (), ("force",), ()], ("force",)),
+        ([("depth",), ("depth", "parts"), ()], ("depth", "parts")),
+        ([("force",), (), ("height",)], ()),
+        ([("depth",), ("depth", "parts"), ("force", "parts")], ()),
+        ([], ()),
+    ],
+)
+def test_a_log_has_the_names_on_which_its_programs_agree_also_once_they_have_gone(
+    servo: Servo, tmp_path: Path, namings: list[tuple[str, ...]], names: tuple[str, ...]
+) -> None:
+    ticks = [servo.name(*each) for each in namings]
+    log = servo.logged(tmp_path)
+    assert log.program_signal_names == names
+    for tick, each in zip(ticks, namings, strict=True):
+        entry = log.maybe_law_at(tick)
+        assert entry is not None
+        assert (entry.tick, entry.program_signals.split()) == (tick, list(each))
+        assert entry.t_ns == log.rows["t_ns"][log.rows["tick"] == tick][0]
+    assert [event for event in log_events(log) if event.kind in ("law", "gains")] == []
+
+
+def test_names_are_noted_once_and_those_of_a_swap_with_it(servo: Servo, tmp_path: Path) -> None:
+    servo.name("force")
+    servo.changes.note_fallback()
+    servo.name("force")
+    assert len(servo.logged(tmp_path).laws) == 2
+    servo.mailbox.name_signals(("height",))
+    servo.changes.change_gains(ChangeGains(kv=tuple(servo.robot.control.kv)))
+    servo.changes.note_fallback()
+    log = servo.logged(tmp_path)
+    assert [entry.program_signals for entry in log.laws] == ["", "force", "height", "height"]
+    assert [event.text for event in log_events(log) if event.kind == "law"] == ["law qrobot anew"]
+
+
+def test_a_law_that_failed_is_told_for_the_cycles_it_was_in_force(servo: Servo, tmp_path: Path) -> None:
+    servo.changes._swap(find_law("pd", ROBOT), "pd", servo.bench.state.swap.gains.copy())
+    failing = servo.mailbox.snapshot().tick
+    servo.bench.tick(10)
+    fall_back(servo.swap)
+    servo.changes.note_fallback()
+    back = servo.mailbox.snapshot().tick
+    servo.bench.tick(10)
+    log = servo.logged(tmp_path)
+    laws = [log.maybe_law_at(tick) for tick in (failing - 2, failing, back - 1, back)]
+    assert [law.law for law in laws if law is not None] == ["qrobot", "pd", "pd", "qrobot"]
+    assert [event.text for event in log_events(log) if event.kind == "law"] == ["law qrobot -> pd", "law pd -> qrobot"]
+    assert servo.said[-1] == "law qrobot is in force again: the one after it has failed"
+
+
+def test_names_that_cannot_be_dated_are_noted_at_the_next_look(
+    servo: Servo, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def unreadable(_mailbox: ServoMailbox) -> None:
+        raise LinkError("the servo's state cannot be read")
+
+    servo.mailbox.name_signals(("force",))
+    with monkeypatch.context() as patch:
+        patch.setattr(ServoMailbox, "snapshot", unreadable)
+        servo.changes.note_fallback()
+    servo.changes.note_fallback()
+    servo.bench.tick(10)
+    assert servo.logged(tmp_path).program_signal_names == ("force",)
