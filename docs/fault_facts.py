@@ -93,6 +93,9 @@ FACTS: Final = {
     ),
     F.POWER_LOST: Fact("1 cycle after STATUS shows it", BREAKS),
     F.POWER_NO_ACK: Fact("3 s", f"{CAMPAIGN}::test_power_that_does_not_come_on_is_given_up_after_three_seconds"),
+    F.POWER_STOPPED: Fact(
+        "the same cycle", f"{SUPERVISOR}::test_a_stop_before_power_is_on_takes_the_request_back", False
+    ),
     F.ESTOP: Fact("2 cycles", BREAKS),
     F.GUARD_TRIP: Fact(
         "the guardian's time-out and one of its looks",

@@ -32,6 +32,7 @@ class FaultCode(IntEnum):
     RUNAWAY = 12
     POWER_LOST = 14
     POWER_NO_ACK = 15
+    POWER_STOPPED = 81
     BRAKE_STUCK = 16
     BRAKE_SLIP = 17
     SATURATED = 18
@@ -241,6 +242,10 @@ EXPLANATION: dict[FaultCode, tuple[str, str]] = {
     FaultCode.CAL_ROOM: (
         "a joint came to the end of its range while it was calibrated",
         "move it towards its middle by hand, then calibrate again; or use fewer indexes",
+    ),
+    FaultCode.POWER_STOPPED: (
+        "somebody stopped the arm before its power was on",
+        "find out why, then ask for power anew: start the program again",
     ),
     FaultCode.CAL_STOPPED: ("the calibration was stopped on request", "calibrate again"),
     FaultCode.CAL_MOVED: (

@@ -1,7 +1,8 @@
-"""Processor time of the calling thread, and how often the kernel took the processor away from it, from compiled code.
+"""Processor time of the calling thread, and how often it gave the processor away, from compiled code.
 
-Two system calls, some 0.5 us each: not for every cycle. A thread that waits gives the processor away itself, which is
-not counted (`ru_nivcsw`, getrusage(2)). With the JIT off modules of Python serve.
+Two system calls, some 0.5 us each: not for every cycle. A thread that waits, for a lock or a disk, gives the processor
+away itself (`ru_nvcsw`, getrusage(2)); what the kernel, or the host of a virtual machine, takes from it is not counted.
+With the JIT off modules of Python serve.
 """
 # ruff: noqa: ARG001 (Numba fixes the signatures of intrinsics)
 
@@ -21,13 +22,13 @@ from qrobot.units import NS_PER_S
 
 _CLOCK_THREAD_CPUTIME_ID = 3
 _RUSAGE_THREAD = 1
-_RUSAGE_WORDS, _RU_NIVCSW = 18, 17  # struct rusage: two struct timeval, fourteen long, the last of which is ours
+_RUSAGE_WORDS, _RU_NVCSW = 18, 16  # struct rusage: two struct timeval, fourteen long, the last but one of which is ours
 
 if jit_disabled():
 
     def thread_time() -> tuple[int, int]:
-        """Nanoseconds of processor time, and times the processor was taken away, since the thread began."""
-        return time.thread_time_ns(), resource.getrusage(resource.RUSAGE_THREAD).ru_nivcsw
+        """Nanoseconds of processor time, and times the processor was given away, since the thread began."""
+        return time.thread_time_ns(), resource.getrusage(resource.RUSAGE_THREAD).ru_nvcsw
 
 else:
     _I32, _I64 = ir.IntType(32), ir.IntType(64)
@@ -42,12 +43,12 @@ else:
 
     @intrinsic  # type: ignore[untyped-decorator]
     def thread_time(typing_context: Any) -> Any:
-        """Nanoseconds of processor time, and times the processor was taken away, since the thread began."""
+        """Nanoseconds of processor time, and times the processor was given away, since the thread began."""
 
         def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
             seconds, nanoseconds = _called(builder, "clock_gettime", _CLOCK_THREAD_CPUTIME_ID, 2)
             used_ns = builder.add(builder.mul(seconds, _I64(NS_PER_S)), nanoseconds)
-            taken = _called(builder, "getrusage", _RUSAGE_THREAD, _RUSAGE_WORDS)[_RU_NIVCSW]
-            return context.make_tuple(builder, signature.return_type, [used_ns, taken])
+            given = _called(builder, "getrusage", _RUSAGE_THREAD, _RUSAGE_WORDS)[_RU_NVCSW]
+            return context.make_tuple(builder, signature.return_type, [used_ns, given])
 
         return types.UniTuple(types.int64, 2)(), codegen

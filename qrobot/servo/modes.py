@@ -36,7 +36,7 @@ TRANSITIONS: Final[dict[Mode, dict[Mode, str]]] = {
     Mode.POWERING: {
         Mode.UNCALIBRATED: "power is on, counters not calibrated",
         Mode.HOLDING: "power is on, counters calibrated",
-        Mode.OFF: "power request withdrawn, or no power in time",
+        Mode.OFF: "power request withdrawn, stopped, or no power in time",
         Mode.FAULT: "category 0 or 1 fault",
     },
     Mode.UNCALIBRATED: {

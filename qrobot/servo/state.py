@@ -8,6 +8,7 @@ from typing import Any, Final
 import numpy as np
 
 from qrobot.config.fences import MOST_OTHER_ARMS
+from qrobot.config.outputs import N_OUTPUTS
 from qrobot.faultcodes import NO_JOINT
 from qrobot.fences.gate import N_VERDICT
 from qrobot.fences.table import N_ROWS, N_WORK
@@ -101,6 +102,7 @@ class ServoState:
     model: DynamicsParams  # of the arm with its payload
     analog_outputs: Any  # (8,) V, in force
     analog_seen: Any  # int64[8], of what was said of them
+    outputs_let_go: Any  # int64[16], how often each was let go of
     analog_sent: Any  # int64[8] microvolts, last ones posted
     row: Any  # the telemetry row, see `servo.memory.telemetry`
     mode: int = 0
@@ -227,6 +229,7 @@ def make_state(params: ServoParameters, law: Law) -> ServoState:
         fence_work=np.zeros(N_WORK), fence_rows=np.zeros(3 * N_ROWS), fence_place=vector(),
         fence_verdict=np.zeros(N_VERDICT), neighbour=np.zeros((MOST_OTHER_ARMS, N_NEIGHBOUR)),
         analog_outputs=np.array(params.analog.off), analog_seen=np.zeros(N_ANALOG_OUTPUTS, np.int64),
+        outputs_let_go=np.zeros(N_OUTPUTS, np.int64),
         analog_sent=np.zeros(N_ANALOG_OUTPUTS, np.int64),
         row=local_record(TelemetryLayout(n).source_dtype),
     ))  # fmt: skip

@@ -26,6 +26,7 @@ _CATEGORY: Final[dict[FaultCode, StopCategory]] = {
     FaultCode.SP_STEP: StopCategory.CATEGORY_2,
     FaultCode.START_POSE: StopCategory.CATEGORY_2,
     FaultCode.POWER_NO_ACK: StopCategory.CATEGORY_2,
+    FaultCode.POWER_STOPPED: StopCategory.CATEGORY_2,
     FaultCode.RESET_DENIED: StopCategory.CATEGORY_2,
     FaultCode.SATURATED: StopCategory.CATEGORY_2,
     FaultCode.IO_LOST: StopCategory.CATEGORY_2,

@@ -40,11 +40,11 @@ def check_overrun(in_a_row: int, most_in_a_row: int, missed: int, most_missed: i
 def own_ns(took_ns: int, before: tuple[int, int], after: tuple[int, int]) -> int:
     """Time by which a cycle that took `took_ns` is to be judged, with its thread's `thread_time` before and after.
 
-    Where the kernel has taken the processor away meanwhile, that is the processor time used; a law that waits, for a
-    lock or a disk, gives it away itself and has taken all the time.
+    That is the processor time used, whatever the kernel or the host of a virtual machine has taken away meanwhile; a
+    law that waits, for a lock or a disk, gives the processor away itself and has taken all the time.
     """
-    used_ns, taken = after[0] - before[0], after[1] - before[1]
-    return min(took_ns, used_ns) if taken > 0 else took_ns
+    used_ns, given = after[0] - before[0], after[1] - before[1]
+    return took_ns if given > 0 else min(took_ns, used_ns)
 
 
 @lean_kernel

@@ -11,6 +11,7 @@ from typing import Final
 import numpy as np
 
 from qrobot.arrays import Floats, Ints, Words
+from qrobot.config.outputs import N_OUTPUTS
 from qrobot.errors import LinkError
 from qrobot.printable import printable
 from qrobot.realtime.flat_record import block_of
@@ -183,6 +184,8 @@ class ServoMailbox:
         """
         command = self.memory.command
         command.outputs_ns = t_ns  # first: what is new must not be locked for what was silent before
+        if let_go := int(command.outputs) & ~outputs:
+            command.outputs_let_go += [let_go >> k & 1 for k in range(N_OUTPUTS)]
         command.outputs = outputs
 
     def analog_objection(self, volts: Sequence[float]) -> str:

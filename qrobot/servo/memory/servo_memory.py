@@ -22,7 +22,7 @@ from typing import Any, Final
 import numpy as np
 
 from qrobot.arrays import Floats, Words
-from qrobot.config.outputs import N_ANALOG_OUTPUTS
+from qrobot.config.outputs import N_ANALOG_OUTPUTS, N_OUTPUTS
 from qrobot.errors import ConfigError, LinkError, LinkMismatch
 from qrobot.hwif.registers import N_ENCODERS
 from qrobot.printable import printable
@@ -116,6 +116,7 @@ class CommandBlock:
     indexes: int = word()  # index pulses a joint for it, 0 for the default
     power_offs: int = word()  # raised to take power away, whatever `power` says until it goes up anew
     outputs: int = word()  # what they want of the outputs, output 1 in bit 0
+    outputs_let_go: Words = words(N_OUTPUTS)  # raised whenever one goes down in `outputs`, if for less than a cycle
     outputs_ns: int = word()  # when they last said so, on the servo's clock
     held_stream: int = word()  # 1 + the stream that moves the arm only while a key is held; 0 for none
     held_ns: int = word()  # when they last said that the key is held, on the servo's clock

@@ -114,7 +114,7 @@ class ServoClient:
     def stop(self) -> ServoStatus:
         """Stop the arm on its path, and wait until it holds. Raises LinkTimeout when it goes on."""
         self._ask(StopRequest(), AT_ONCE_S)
-        return self._insist(("OFF", "POWERING", "UNCALIBRATED", "HOLDING", "FAULT"))
+        return self._insist(("OFF", "UNCALIBRATED", "HOLDING", "FAULT"))
 
     def change_override(self, factor: float) -> ServoStatus:
         """Let motions go at `factor` times their programmed speed, 0 to 1."""

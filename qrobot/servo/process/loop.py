@@ -142,7 +142,9 @@ def run(
         one_cycle(params, state, mail, ring, board, deadline, started - deadline)
         if card[CARD_KIND] != NO_CARD:
             serve_card(card, board, started)
-        finished = monotonic_ns() - slipped
+        slipped = await_board(board, params.board_slips, started)  # a stall inside the cycle slips as one outside does
+        mail.heartbeat.slipped_ns = slipped
+        finished = max(started, monotonic_ns() - slipped)
         state.busy_ns = finished - started
         if was_long:
             state.busy_ns = own_ns(state.busy_ns, used, thread_time())

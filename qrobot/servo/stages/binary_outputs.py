@@ -42,6 +42,10 @@ def settle_outputs(params: ServoParameters, state: ServoState, mail: Any, stoppe
     if lines.lines == 0:
         return
     asked = mail.command.outputs & lines.lines
+    for k in range(N_OUTPUTS):
+        if mail.command.outputs_let_go[k] != state.outputs_let_go[k]:
+            state.outputs_let_go[k] = mail.command.outputs_let_go[k]
+            state.outputs_locked &= ~(1 << k)
     if stopped:
         state.outputs_locked |= lines.off
     state.outputs_locked &= asked

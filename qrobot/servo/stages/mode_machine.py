@@ -68,6 +68,7 @@ RESET_DENIED: Final = int(FaultCode.RESET_DENIED)
 MOVING_AT_START: Final = int(FaultCode.MOVING_AT_START)
 CAL_MISMATCH: Final = int(FaultCode.CAL_MISMATCH)
 CAL_STOPPED: Final = int(FaultCode.CAL_STOPPED)
+POWER_STOPPED: Final = int(FaultCode.POWER_STOPPED)
 CAL_NO_TABLE: Final = int(FaultCode.CAL_NO_TABLE)
 COLLISION: Final = int(FaultCode.COLLISION)
 SATURATED: Final = int(FaultCode.SATURATED)
@@ -305,6 +306,9 @@ def handle_requests(params: ServoParameters, state: ServoState, mail: Any, now_n
     asked_now = power == 1 and (state.power_seen == 0 or mail.command.power_ons != state.ons_seen)
     cleared = mail.command.clears != state.clears_seen
     stopped = mail.command.stops != state.stops_seen
+    if stopped and state.mode == POWERING and power == 1:  # who asked for power has to ask anew
+        state.power_locked, power = 1, 0
+        report_event(state, POWER_STOPPED)
     state.power_seen, state.ons_seen = power, mail.command.power_ons
     state.clears_seen, state.stops_seen = mail.command.clears, mail.command.stops
     _obey_calibration(params, state, mail, stopped)

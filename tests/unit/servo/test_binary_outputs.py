@@ -152,6 +152,22 @@ def test_a_stop_switches_off_what_does_not_hold_until_its_program_has_let_go(
     assert cell.ask(ALL).on == ALL
 
 
+@pytest.mark.parametrize("stopped_anew", [False, True])
+def test_a_program_that_let_go_for_less_than_a_cycle_has_let_go(stopped_anew: bool) -> None:
+    """Two COMMANDs that arrive together: the cycle sees what the second one asks for alone."""
+    cell = Cell()
+    cell.bench.hold()
+    assert cell.ask(ALL).on == ALL
+    cell.bench.mailbox.request_stop()
+    cell.bench.tick()
+    assert cell.on == HELD
+    cell.bench.mailbox.request_outputs(HELD, cell.bench.now_ns)
+    if stopped_anew:
+        cell.bench.mailbox.request_stop()
+    cell.bench.tick()  # in which it asks for all of them again
+    assert cell.on == (HELD if stopped_anew else ALL)
+
+
 def test_a_stop_on_the_path_counts_from_its_first_cycle() -> None:
     cell = Cell()
     moving(cell.bench)

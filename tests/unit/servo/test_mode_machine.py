@@ -184,6 +184,21 @@ def test_a_request_that_was_down_for_less_than_a_cycle_is_one_made_anew(taken: b
     assert bench.mode is Mode.HOLDING
 
 
+def test_a_stop_before_power_is_on_takes_the_request_back() -> None:
+    bench = powering()
+    bench.mailbox.request_stop()
+    bench.tick()
+    assert (bench.mode, bench.state.event) == (Mode.OFF, FaultCode.POWER_STOPPED)
+    bench.panel = True
+    bench.mailbox.request_power(True)  # its commander goes on asking
+    bench.run(1.0)
+    assert bench.mode is Mode.OFF
+    bench.mailbox.request_power(False)
+    bench.mailbox.request_power(True)
+    bench.run(0.1)
+    assert bench.mode is Mode.HOLDING
+
+
 def test_of_power_asked_for_and_taken_away_in_one_cycle_the_latter_counts() -> None:
     bench = ServoBench().tick(3)
     bench.mailbox.request_power_off()
