@@ -1,4 +1,4 @@
-"""Processor time of a thread, from compiled code: that of Python, and the kernel's count of times it gave way itself."""
+"""Processor time of a thread, from compiled code: that of Python, and how often the kernel says that it gave way."""
 
 from __future__ import annotations
 
