@@ -134,6 +134,10 @@ class OfflineLink:
     def _payloads(self) -> PayloadJudge:
         return PayloadJudge(self._robot)
 
+    def take_servo_loss(self) -> bool:
+        """See `Link.take_servo_loss`: there is none to be lost."""
+        return False
+
     def refusal(self, kind: type[Beside]) -> str:
         """See `Link.refusal`."""
         return self._refusal if kind is Payload else ""

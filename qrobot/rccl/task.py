@@ -15,7 +15,7 @@ import numpy as np
 
 from qrobot.arrays import Floats
 from qrobot.config import Robot
-from qrobot.errors import LinkError, MotionError, ServoFault
+from qrobot.errors import LinkError, LinkLost, MotionError, ServoFault
 from qrobot.fences.fence_set import FenceSet
 from qrobot.model.arm import Arm
 from qrobot.motion import (
@@ -40,7 +40,7 @@ from qrobot.rccl.task_group import TaskGroup
 from qrobot.rccl.trace import Trace
 from qrobot.rci import RobotData, TaskDescriptor
 from qrobot.rci.descriptor import HOST, NO_BIT, local_area
-from qrobot.rci.robot_cycle import CycleHooks, CyclePhase, RobotCycle
+from qrobot.rci.robot_cycle import SERVO_AWAY, CycleHooks, CyclePhase, RobotCycle
 from qrobot.wire import Command, Payload, RobotState, State
 
 STANDING: Final = 1e-6  # rad/s or m/s: of a setpoint that stands, but for rounding
@@ -311,6 +311,11 @@ class TrajectoryTask:
         """The link is broken, and may be opened anew. Raises `lost`: the path is not kept."""
         self._stopped(lost)
         self._cycle.count_anew()
+
+    def lose_servo(self) -> None:
+        """See `SampledTask.lose_servo`. Raises LinkLost, ServoFault: the arm is off a path that is not kept."""
+        if self.off_path and self._cycle.phase is not CyclePhase.STOPPING:
+            self._stopped(LinkLost(SERVO_AWAY))
 
     def insist(self) -> None:
         """Raise what has stopped the arm, when the program has given its path up."""

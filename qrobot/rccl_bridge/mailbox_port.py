@@ -17,13 +17,15 @@ from qrobot.realtime.shared_memory import SharedMemory
 from qrobot.servo.memory.mailbox import ServoMailbox
 from qrobot.servo.memory.servo_memory import ServoMemory, attach_servo_memory, local_servo_memory
 from qrobot.servo.memory.telemetry import SMALLEST_RING
-from qrobot.units import NS_PER_S
+from qrobot.units import NS_PER_S, NS_PER_US
 from qrobot.wire import AnalogOutputs, Collision, Payload, RobotState
 from qrobot.wire.packets import NO_SIGNALS
 from qrobot.wire.robot_state import rows_of
+from qrobot.wire.vocabulary import LONGEST_PERIOD_US
 
 _MASKS: Final = {"B": 0xFF, "H": 0xFFFF, "I": 0xFFFFFFFF}  # by code of the field, as `struct` has it
 STALLED_NS: Final = 20_000_000  # a servo whose last cycle is older waits for its emulated board, or was stopped [A]
+NOTICED_NS: Final = LONGEST_PERIOD_US * NS_PER_US  # for which a new servo counts as away, so that each session sees it
 STALE_NS: Final = 250_000_000  # a servo whose last cycle is older does not run, whatever its guardian says
 
 
@@ -152,7 +154,7 @@ class ServoPort:
         self._segment: SharedMemory | None = None
         self._mailbox: ServoMailbox | None = None
         self._generation = self._slipped_ns = 0
-        self._was_here = False
+        self._was_here, self._new_until_ns = False, 0
         self.mismatch = ""
         self._power_locked = False  # a servo that has just started is not powered by a request made to the one before
 
@@ -164,7 +166,8 @@ class ServoPort:
             self.mismatch = str(error) if isinstance(error, LinkMismatch) else ""
             return False
         self.mismatch = ""
-        return bool(memory.info.ready) and shows_life(memory, self._silence_ns(memory))
+        noticed = time.monotonic_ns() >= self._new_until_ns  # also by a bridge that stood still while it was away
+        return noticed and bool(memory.info.ready) and shows_life(memory, self._silence_ns(memory))
 
     def slipped_ns(self) -> int:
         """Delay of the arm's time behind CLOCK_MONOTONIC, as a servo said last in a cycle; 0 before one did."""
@@ -267,7 +270,8 @@ class ServoPort:
             if (info.robot_name, info.n) != (self.robot_name, self.n):
                 self._mailbox = None
                 raise LinkMismatch(f"the servo of {self.arm} drives {info.robot_name!r}, not {self.robot_name!r}")
-            self._power_locked = self._power_locked or self._was_here
+            if self._was_here:
+                self._power_locked, self._new_until_ns = True, time.monotonic_ns() + NOTICED_NS
             self._was_here = True
             self._mailbox = mailbox
         return self._mailbox

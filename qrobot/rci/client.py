@@ -47,12 +47,14 @@ class Client:
         peer: the server, for people.
         warning: newest complaint of the server that did not end the conversation, "" when there was none.
         refusals: reasons for which what was told last of a kind, payload, collision or outputs, was refused.
+        servo_lost: the servo was away before the newest STATE; whoever has seen that takes it back.
     """
 
     def __init__(self, hello: Hello, peer: str) -> None:
         self.peer = peer
         self.warning = ""
         self.refusals: dict[type[Beside], str] = {}
+        self.servo_lost = False
         self._told = deque[Beside]()
         self._hello = hello
         self._connection = Connection(Side.CLIENT)
@@ -136,5 +138,7 @@ class Client:
         self.warning = complaint.text
         if (kind := _REFUSED.get(complaint.code)) is not None:
             self.refusals[kind] = complaint.text
-        if complaint.code == ErrorCode.SERVO_GONE and self._hello.in_step and self._sampled:
-            raise LinkTimeout(f"{self.peer} says: {complaint.text}")
+        if complaint.code == ErrorCode.SERVO_GONE:
+            self._state, self.servo_lost = None, True  # a STATE of the servo before tells nothing of the next one
+            if self._hello.in_step and self._sampled:
+                raise LinkTimeout(f"{self.peer} says: {complaint.text}")

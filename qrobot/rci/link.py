@@ -48,6 +48,9 @@ class Link(Protocol):
     def refusal(self, kind: type[Beside]) -> str:
         """Reason why what was told last of that kind was refused, "" when it was not, or no answer has come yet."""
 
+    def take_servo_loss(self) -> bool:
+        """True, once, when the servo was away before the STATE that `exchange` has given last."""
+
     def now_ns(self) -> int:
         """This end's clock."""
 

@@ -34,6 +34,12 @@ class SampledTask(Protocol):
     def lose_link(self, lost: LinkError) -> None:
         """The link is broken. Raises `lost` unless the hold outlives it, and the link is to be opened anew."""
 
+    def lose_servo(self) -> None:
+        """The STATE to be answered next comes from another servo, or from one that was away.
+
+        Nobody has confirmed anything to that one. Raises what ends the hold, where it does not outlive this.
+        """
+
     def insist(self) -> None:
         """Called between greetings of a bridge that has gone away. Raises what is to end them."""
 

@@ -161,6 +161,11 @@ class TcpLink:
         """Descriptor of the socket, which becomes readable when a STATE comes. Raises LinkLost: it is closed."""
         return self._open_socket.fileno()
 
+    def take_servo_loss(self) -> bool:
+        """See `Link.take_servo_loss`."""
+        lost, self._client.servo_lost = self._client.servo_lost, False
+        return lost
+
     def now_ns(self) -> int:
         """The monotonic clock."""
         return time.monotonic_ns()

@@ -168,6 +168,8 @@ class ThreadDriver:
                 self._greet_anew(lost)
                 continue
             with self._sampled:
+                if self._link.take_servo_loss():
+                    self._task.lose_servo()
                 command = self._task.step(state, self._link.now_ns())
                 self._tell_waiting()
 
@@ -182,5 +184,7 @@ class ThreadDriver:
                 time.sleep(AGAIN_S)
                 self._task.insist()
             else:
+                with self._sampled:
+                    self._task.lose_servo()  # nor has anybody while the bridge was away
                 self._greeted()
                 return

@@ -55,6 +55,11 @@ class VirtualLink:
         """See `Link.refusal`."""
         return self._client.refusals.get(kind, "")
 
+    def take_servo_loss(self) -> bool:
+        """See `Link.take_servo_loss`."""
+        lost, self._client.servo_lost = self._client.servo_lost, False
+        return lost
+
     def now_ns(self) -> int:
         """Virtual time of the newest packet."""
         return self._now_ns

@@ -58,7 +58,10 @@ class VirtualDriver:
         self._link.close("program ended")
 
     def _exchange(self) -> None:
-        self._command = self._task.step(self._link.exchange(self._command), self._link.now_ns())
+        state = self._link.exchange(self._command)
+        if self._link.take_servo_loss():
+            self._task.lose_servo()
+        self._command = self._task.step(state, self._link.now_ns())
 
     def _failed(self, error: BaseException) -> None:
         end_badly(self._task.td, error)

@@ -155,6 +155,34 @@ def test_a_way_back_that_is_too_long_waits_until_more_is_allowed_and_a_stop_give
     assert asked[1].code is EVENT_STOP
 
 
+@pytest.mark.parametrize("when", ["paused", "resumed", "on the way back"])
+def test_a_servo_that_starts_anew_has_nobody_s_word_that_the_arm_may_go_back(fake: FakeRobot, when: str) -> None:
+    rp = arcl_open(ARCL_AMI, "bridge")
+    rp.keep_path()
+    asked = motions(rp)
+    arcl_wait(rp, lambda: rp.treal > 500.0)
+    fail(fake, "fault")
+    fake.paused = when == "paused"
+    arcl_wait(rp, lambda: rp.kept)
+    arcl_wait(rp, lambda begin=rp.treal: rp.treal > begin + 200.0)
+    if when == "on the way back":
+        arcl_resume(rp)
+        arcl_wait(rp, lambda: fake.mode is Mode.TRACKING)
+    fake.before_period = (lambda _: rp.resume()) if when == "resumed" else None
+    fake.start_anew()
+    arcl_wait(rp, lambda: fake.mode is Mode.OFF)
+    fake.before_period = None
+    said, followed = len(fake.commands), len(fake.path)
+    arcl_wait(rp, lambda begin=rp.treal: rp.treal > begin + 3000.0)
+    assert rp.kept
+    assert not any(command.power or command.clear_fault for command in fake.commands[said + 1 :])
+    assert (fake.mode, len(fake.path)) == (Mode.OFF, followed)
+    arcl_resume(rp)
+    arcl_wait(rp)
+    assert [motion.code for motion in asked] == [EVENT_DONE, EVENT_DONE]
+    arcl_close(rp)
+
+
 def test_a_pause_holds_the_arm_on_its_path_and_on_the_way_back_until_the_program_goes_on(fake: FakeRobot) -> None:
     def stands() -> bool:
         """For a second, once a pause has had one to take effect."""

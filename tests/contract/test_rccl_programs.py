@@ -345,6 +345,42 @@ def test_a_program_that_keeps_its_path_greets_a_bridge_that_comes_back_and_goes_
             assert fake.q == pytest.approx(PARK + np.radians([20.0, 0, 0, 0, 0, 0]))
 
 
+@pytest.mark.realtime
+def test_a_pause_that_went_with_its_servo_powers_no_arm_behind_the_next_bridge(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(thread_driver, "AGAIN_S", 0.02)
+    fake = FakeRobot(PARK, period_us=4_000, patience=PATIENCE)
+    bridge = PassingBridge(fake)
+
+    def samples(count: int) -> None:
+        begin = fake.seq
+        arm.waitas(lambda: fake.seq > begin + count)
+
+    with rccl.use(bridge.link):
+        with bridge:
+            arm = rccl.control()
+            arm.keep_path()
+            p = near_park("p", 20.0)
+            rccl.setime(200, 1000)
+            rccl.move(p)
+            arm.waitas(lambda: p.scal > 0.3)
+            fake.paused = True
+            fake.halt(FaultCode.STREAM_LOST)
+            samples(20)
+        arm.waitas(lambda: "lost" in arm.kept or "closed" in arm.kept)
+        arm.resume()  # which nobody hears
+        fake.mode, fake.paused = Mode.OFF, False
+        said = len(fake.commands)
+        with bridge:
+            arm.waitas(lambda: len(fake.commands) > said)
+            samples(50)
+            assert arm.kept
+            assert not any(command.power or command.clear_fault for command in fake.commands[said:])
+            arm.resume()
+            arm.waitfor(arm.completed)
+            assert p.code == DONE
+            arm.release()
+
+
 def test_a_function_that_is_called_at_each_sample_must_not_wait(robot) -> None:
     arm = rccl.control()
     arm.each_sample(lambda: arm.waitfor(arm.completed))

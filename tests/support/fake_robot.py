@@ -33,6 +33,7 @@ from qrobot.wire import (
 START_NS = 1_000_000_000
 POWERING_PERIODS = 3
 START_TOLERANCE = 0.02
+SERVO_GONE = WireError(ErrorCode.SERVO_GONE, "the servo does not run; this connection waits for it", False)
 
 
 class FakeRobot:
@@ -63,6 +64,7 @@ class FakeRobot:
         self._stream = self._dead_stream = -1
         self._heard = 0
         self._power_seen = False
+        self._gone = False  # the client has to be told so
 
     # ------------------------------------------------------------------------------------------- what tests do to it
 
@@ -73,6 +75,11 @@ class FakeRobot:
     def halt(self, code: FaultCode) -> None:
         """Stop the arm as the servo does when it refuses to go on, without a fault."""
         self.mode, self.event, self._dead_stream = Mode.HOLDING, code, self._stream
+
+    def start_anew(self) -> None:
+        """Be another servo from the next period on, without power and without a pause; the client is told of it."""
+        self.mode, self.fault, self.event, self.paused = Mode.OFF, 0, 0, False
+        self._gone = True
 
     def forget_client(self) -> None:
         """Wait for a greeting, as after a connection that has broken."""
@@ -104,7 +111,10 @@ class FakeRobot:
         if self.before_period is not None:
             self.before_period(self.seq)
         self._live()
-        return self._connection.send(State(self.seq % (1 << 32), self._state(), len(self.commands), you_command=True))
+        gone, self._gone = self._gone, False
+        complaint = self._connection.send(SERVO_GONE) if gone else b""
+        state = State(self.seq % (1 << 32), self._state(), len(self.commands), you_command=True)
+        return complaint + self._connection.send(state)
 
     # ---------------------------------------------------------------------------------------------------- inside
 

@@ -21,13 +21,13 @@ from qrobot.arcl.machine.interface import MachineSample, MachineSettings, PathKe
 from qrobot.arcl.machine.stream_start import open_stream
 from qrobot.arcl.stream import RecordKind, StreamWriter
 from qrobot.arrays import Floats
-from qrobot.errors import LinkError, MotionError, ServoFault
+from qrobot.errors import LinkError, LinkLost, MotionError, ServoFault
 from qrobot.motion import MotionLimits
 from qrobot.rci.arm_settings import ArmSettings
 from qrobot.rci.descriptor import HOST, NO_BIT, TaskDescriptor, local_area
 from qrobot.rci.environment import environment
 from qrobot.rci.link import Link, LinkFactory, check_welcome, hello_for, sample_period_us
-from qrobot.rci.robot_cycle import CycleHooks, CyclePhase, RobotCycle
+from qrobot.rci.robot_cycle import SERVO_AWAY, CycleHooks, CyclePhase, RobotCycle
 from qrobot.rci.robot_data import KnownRobot, RobotData
 from qrobot.rci.sample_drivers import driver_for
 from qrobot.rci.sampled_task import SampleDriver
@@ -238,6 +238,11 @@ class BridgeMachine:
         """See `SampledTask.lose_link`. Raises `lost`: the path is not kept."""
         self._stopped(lost)
         self._robot.count_anew()
+
+    def lose_servo(self) -> None:
+        """See `SampledTask.lose_servo`. Raises LinkLost, ServoFault: the arm is off a path that is not kept."""
+        if self._keeper is not None and self._keeper.off_path and self._robot.phase is not CyclePhase.STOPPING:
+            self._stopped(LinkLost(SERVO_AWAY))
 
     def insist(self) -> None:
         """See `SampledTask.insist`."""

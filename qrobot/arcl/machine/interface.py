@@ -88,6 +88,10 @@ class PathKeeper(Protocol):
         """Reason for which the arm stands off its path, until somebody confirms that it may go back; else empty."""
 
     @property
+    def off_path(self) -> bool:
+        """The arm is off its path: it goes back from what it met, waits, or is led back."""
+
+    @property
     def met(self) -> ServoFault | LinkError | None:
         """The fault of an arm that has been taken again, and is back from what it met: `keep` is to be asked anew."""
 

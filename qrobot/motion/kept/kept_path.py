@@ -66,8 +66,12 @@ class KeptPath:
         self._paused = paused
 
     def wait_again(self, fault: ServoFault | LinkError) -> None:
-        """Wait for somebody to confirm, as the servo has stopped the arm, or stopped it once more, with `fault`."""
+        """Wait for somebody to confirm, as the servo has stopped the arm, or stopped it once more, with `fault`.
+
+        A pause that was heard before does not count: that it is gone may come from a servo that has started anew.
+        """
         self.fault, self.refusal, self.confirmed, self._back = fault, None, False, None
+        self._paused = False
 
     @property
     def reason(self) -> Exception:

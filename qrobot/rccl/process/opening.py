@@ -128,6 +128,10 @@ class RemoteLink:
         """See `Link.refusal`."""
         return self._process.refusals.get(kind, "")
 
+    def take_servo_loss(self) -> bool:
+        """See `Link.take_servo_loss`: whoever answers the robot has taken it."""
+        return False
+
     def now_ns(self) -> int:
         """See `Link.now_ns`."""
         return self._link.now_ns()

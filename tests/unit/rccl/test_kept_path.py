@@ -143,6 +143,66 @@ def test_a_second_fault_on_the_way_back_waits_again_and_a_cause_that_stays_does_
         arm.move(arm.pose("park"))
 
 
+@pytest.mark.parametrize("when", ["paused", "resumed", "powering", "on the way back"])
+def test_a_servo_that_starts_anew_has_nobody_s_word_that_the_arm_may_go_back(fake: FakeRobot, when: str) -> None:
+    with rccl.control("puma560") as arm:
+        arm.keep_path()
+        _, end = motions(arm)
+        arm.waitas(lambda: arm.time > 700)
+        fail(fake, "stop" if when == "paused" else "fault")
+        fake.paused = when == "paused"
+        arm.waitas(lambda: arm.kept)
+        if when == "powering":
+            arm.resume()
+            arm.waitas(lambda: fake.mode is Mode.POWERING)
+        elif when == "on the way back":
+            arm.resume()
+            arm.waitas(lambda: fake.mode is Mode.TRACKING)
+        else:
+            arm.waitas(lambda begin=arm.time: arm.time > begin + 200)
+        if when == "resumed":
+            fake.before_period = lambda _: arm.resume()
+        fake.start_anew()
+        arm.waitas(lambda: fake.mode is Mode.OFF)
+        fake.before_period = None
+        stands_without_power(fake, arm)
+        arm.resume()
+        arm.waitfor(arm.completed)
+        assert end.code == Termination.COMPLETED
+
+
+def stands_without_power(fake: FakeRobot, arm: rccl.Channel) -> None:
+    """For some seconds, while the arm waits for somebody's word."""
+    said, followed = len(fake.commands), len(fake.path)
+    arm.waitas(lambda begin=arm.time: arm.time > begin + 3000)
+    assert arm.kept
+    assert not any(command.power or command.clear_fault for command in fake.commands[said + 1 :])
+    assert (fake.mode, len(fake.path)) == (Mode.OFF, followed)
+
+
+def test_a_pause_that_ends_on_the_way_back_lets_no_arm_go_that_is_stopped_there(fake: FakeRobot) -> None:
+    with rccl.control("puma560") as arm:
+        arm.keep_path()
+        motions(arm)
+        arm.waitas(lambda: arm.time > 700)
+        fail(fake, "fault")
+        fake.paused = True
+        arm.waitas(lambda begin=arm.time: arm.time > begin + 200)
+        arm.resume()
+        arm.waitas(lambda: fake.mode is Mode.TRACKING)
+        fake.paused = False
+        arm.waitas(lambda begin=arm.time: arm.time > begin + 200)
+        assert arm.off_path
+        fake.halt(FaultCode.STREAM_LOST)
+        followed = len(fake.path)
+        arm.waitas(lambda begin=arm.time: arm.time > begin + 3000)
+        assert arm.kept
+        assert len(fake.path) == followed
+        arm.stop()
+        with pytest.raises(ServoFault):
+            arm.waitfor(arm.completed)
+
+
 def test_a_way_back_through_a_fence_is_an_error_that_moves_nothing(fake: FakeRobot) -> None:
     turned = PARK + np.radians([40.0, 0, 0, 0, 0, 0])
     post = Fence(name="post", shape="box", size_m=(0.1, 0.1, 0.1), position_m=tuple(puma().forward(turned)[:3, 3]))

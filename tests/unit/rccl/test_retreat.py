@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from qrobot import rccl
-from qrobot.errors import MotionError, ServoFault
+from qrobot.errors import LinkLost, MotionError, ServoFault
 from qrobot.faultcodes import FaultCode
 from qrobot.rci import VirtualLink
 from qrobot.wire import Mode
@@ -102,6 +102,29 @@ def test_an_arm_stays_where_it_is_when_there_is_nothing_to_go_back_from(fake: Fa
             go(arm)
         assert told(arm).code == code
     assert all(np.abs(np.array(q) - fake.path[before - 1]).max() < 1e-9 for q in fake.path[before:])
+
+
+@pytest.mark.parametrize("keeps", [False, True])
+def test_an_arm_whose_servo_starts_anew_before_it_has_gone_back_stays_without_power(
+    fake: FakeRobot, keeps: bool
+) -> None:
+    with rccl.control("puma560") as arm:
+        if keeps:
+            arm.keep_path()
+        arm.retract(50)
+        go(arm)
+        arm.waitas(lambda: arm.time > 700)
+        met = fake.seq + 1
+        fake.before_period = lambda seq: {met: lambda: fake.halt(FaultCode.COLLISION), met + 1: fake.start_anew}.get(
+            seq, lambda: None
+        )()
+        if keeps:
+            arm.waitas(lambda: arm.time > 3000)
+            assert "away" in arm.kept
+            arm.stop()
+        with pytest.raises(LinkLost, match="servo was away"):
+            arm.waitfor(arm.completed)
+    assert fake.mode is Mode.OFF
 
 
 @pytest.mark.parametrize("how", ["met again", "stopped", "stopped before", "stopped at first"])

@@ -65,6 +65,17 @@ def test_time_does_not_leap_ahead_while_a_servo_that_was_started_again_has_run_n
     assert port.slipped_ns() == NS_PER_S // 4
 
 
+def test_a_servo_that_was_started_again_counts_as_away_for_the_longest_period_even_if_nobody_saw_it_gone(
+    port: ServoPort, front: ServoFront, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert port.alive()
+    front.header.generation += 1
+    for passed_ns, alive in ((0, False), (99_999_999, False), (100_000_000, True), (200_000_000, True)):
+        monkeypatch.setattr(time, "monotonic_ns", lambda passed_ns=passed_ns: NS_PER_S + passed_ns)
+        front.heartbeat.t_ns = NS_PER_S + passed_ns
+        assert port.alive() is alive
+
+
 ASKING = SetpointFrame(1, 1, NS_PER_S, 28_000_000, (0,) * 6, (0.0,) * 6, True, False, False, 0, 0)
 
 

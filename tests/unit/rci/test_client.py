@@ -38,3 +38,13 @@ def test_an_arm_by_itself_and_one_that_has_not_begun_wait_for_the_servo(in_step:
     client.take(server.send(GONE))
     assert client.warning == "the servo does not run"
     assert not client.refusals
+    assert client.servo_lost
+
+
+def test_a_sample_of_a_servo_that_has_gone_is_not_taken_for_one_of_the_next() -> None:
+    client, server = conversation(in_step=False, sampled=False)
+    client.take(server.send(State(1, resting((0.1, -0.2)))) + server.send(GONE))
+    assert client.pop_state() is None
+    client.take(server.send(State(2, resting((0.1, -0.2)))))
+    assert client.pop_state().seq == 2
+    assert client.servo_lost
