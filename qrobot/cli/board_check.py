@@ -63,6 +63,7 @@ def check(
     if not yes and not read_only and not sys.stdin.isatty():
         raise ConfigError("nobody is there to answer: use a terminal, or --yes, or --read-only")
     chosen = choose_arm(deployment, arm)
+    _refuse_to_write_to_what_is_read_only(chosen, read_only)
     _refuse_beside_a_servo(chosen.name)
     walk = Walk(
         _transport_to(chosen, read_only),
@@ -90,6 +91,12 @@ def _transport_to(arm: DeployedArm, read_only: bool) -> Bus:
     if arm.board.kind == "port":
         return PortBus(card_of_arm(arm, read_only), robot_of_arm(arm).n)
     return board_memory_bus(arm.name, timeout_s=PATIENCE_S)
+
+
+def _refuse_to_write_to_what_is_read_only(arm: DeployedArm, read_only: bool) -> None:
+    """Nothing of what such a walk writes would arrive. Raises ConfigError."""
+    if arm.board.port is not None and arm.board.port.read_only and not read_only:
+        raise ConfigError(f"{arm.name}: read_only = true in [arm.board.port]: walk with --read-only, then take it out")
 
 
 def _refuse_beside_a_servo(arm: str) -> None:

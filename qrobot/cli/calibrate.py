@@ -13,6 +13,7 @@ from rich.table import Table
 from qrobot.cli.arms import DEFAULT_DEPLOYMENT, choose_arm, robot_of_arm, robot_of_servo
 from qrobot.cli.console import SUCCESS, err, note, out, print_table, write_json
 from qrobot.cli.option_types import Indexes, OutputFile
+from qrobot.errors import ConfigError
 from qrobot.report import Report
 from qrobot.servo.calibration.table import TableFormat
 
@@ -34,7 +35,7 @@ def calibrate(
     table_format: Annotated[TableFormat, Parameter(name="--format")] = "qrobot",
     json: bool = False,
 ) -> int:
-    """Calibrate an arm whose servo runs, or make a calibration table on the emulator.
+    """Calibrate an arm whose servo runs, or make the calibration table of an emulated arm.
 
     The joints creep one after the other over a few index pulses each, up to a turn of a motor more on either side:
     keep clear. The potentiometers tell which index pulse is which. Then the counters are loaded, and stay right until
@@ -51,7 +52,7 @@ def calibrate(
         Index pulses of each joint that have to agree, 3 to 14. More travel, more certainty.
     make_table
         Write the table of the deployment's emulated arm to this file instead, and move nothing. Name it in the file as
-        `calibration_table`.
+        `calibration_table`. Refused for a real arm: its table has to be measured on it.
     table_format
         Of that file: `vendor` is the one that the board vendor's driver reads, without comments and checksum.
     json
@@ -144,6 +145,11 @@ def _results(robot: Robot, report: CalibrationReport) -> Table:
 
 
 def _make_table(arm: DeployedArm, path: Path, form: TableFormat, as_json: bool) -> int:
+    if not arm.board.emulated:
+        raise ConfigError(
+            f"{arm.name} is no emulated arm (kind = {arm.board.kind!r}): a real one's table has to be measured on it, "
+            "as the board vendor's driver does; name that file as `calibration_table`"
+        )
     from qrobot.rig.table_maker import make_table
     from qrobot.servo.calibration.table import write_table
     from qrobot.sim_board.deployed import board_options
@@ -160,5 +166,5 @@ def _make_table(arm: DeployedArm, path: Path, form: TableFormat, as_json: bool) 
     if as_json:
         write_json({"file": str(path), "rows": [int(pots.size) for pots in table.pots]})
     else:
-        note(f"table of {robot.name} written to {path}: name it as `calibration_table` in the deployment file")
+        note(f"table of the emulated {robot.name} written to {path}: name it as `calibration_table` in its deployment")
     return SUCCESS

@@ -28,6 +28,7 @@ from qrobot.hwif.registers import (
     ENC_LOAD,
     N_ADCS,
     N_DACS,
+    N_ENCODERS,
     STATUS,
     STATUS_ADC_BUSY,
     STATUS_CALIBRATED,
@@ -160,6 +161,12 @@ def see_images(walk: Walk) -> str:
         raise StepError("every register reads 0xFFFF", "nothing answers at this address: check base address and cable")
     if walk.count == first:
         raise StepError("the image stands still", "does the board have power?")
+    channels = min(walk.facts.joints, N_ENCODERS)
+    if walk.robot.n > channels:
+        raise StepError(
+            f"{walk.robot.name} has {walk.robot.n} joints, the board {channels} encoder channels",
+            "put right the robot, board or drives of the deployment file",
+        )
     return f"revision {walk.facts.revision}, {walk.facts.joints} joints, {walk.count - first} images in 50 ms"
 
 
@@ -173,18 +180,10 @@ def see_status(walk: Walk) -> str:
     return f"STATUS {walk.status:#06x}: emergency stop healthy, power off, {calibrated}"
 
 
-def zero_outputs(walk: Walk) -> str:
-    """Writes arrive: zero torque, power disabled."""
-    kept = walk.status & SCRATCH
-    walk.make_safe()
-    if walk.status & SCRATCH != kept:
-        raise StepError("the scratch bits did not stay", "bits 6 and 7 of DISCRETE and STATUS do not belong together")
-    return "all converters at 0 V, power disabled"
-
-
 def toggle_scratch(walk: Walk) -> str:
-    """Bits 6 and 7 of DISCRETE come back in STATUS."""
+    """Writes arrive: bits 6 and 7 of DISCRETE come back in STATUS. Zero torque is the first to be written."""
     before = walk.kept
+    walk.make_safe()
     try:
         for bits in (DISCRETE_CALIBRATED, DISCRETE_J6_OVERFLOW, 0):
             walk.write((DISCRETE, bits | DISCRETE_HAND_RELAXED))
@@ -195,6 +194,15 @@ def toggle_scratch(walk: Walk) -> str:
     finally:  # a board must not be left calibrated that was not
         walk.write((DISCRETE, before))
     return "bits 6 and 7 can be written and read back"
+
+
+def zero_outputs(walk: Walk) -> str:
+    """Zero torque, power disabled, and the scratch bits stay."""
+    kept = walk.status & SCRATCH
+    walk.make_safe()
+    if walk.status & SCRATCH != kept:
+        raise StepError("the scratch bits did not stay", "bits 6 and 7 of DISCRETE and STATUS do not belong together")
+    return "all converters at 0 V, power disabled"
 
 
 def load_counters(walk: Walk) -> str:
@@ -305,8 +313,8 @@ _LOOK_AT_JOINTS: Final = " Does somebody look at the joints from outside it, eac
 STEPS: Final = (
     CheckStep("the board answers", see_images),
     CheckStep("status", see_status),
-    CheckStep("outputs to zero", zero_outputs, writes=True),
     CheckStep("scratch bits", toggle_scratch, writes=True),
+    CheckStep("outputs to zero", zero_outputs, writes=True),
     CheckStep("counters take a load", load_counters, writes=True),
     CheckStep("index flags", arm_indexes, writes=True),
     CheckStep("converter", convert_all, writes=True),

@@ -34,7 +34,7 @@ FARTHEST_POT: Final = 32768  # 10 V
 FARTHEST_COUNT: Final = 65536  # a 16-bit counter, shifted by an offset as on joint 4
 OFF_LINE: Final = 0.5  # rows of pot travel by which a reading may lie beside the straight line through all
 _CRC: Final = re.compile(r"#\s*crc32\s+([0-9a-f]{8})\s*$")
-_REMEDY: Final = "make it anew with `qrobot calibrate --make-table FILE`"
+_REMEDY: Final = "measure it anew, or for an emulated arm `qrobot calibrate --make-table FILE`"
 
 TableFormat = Literal["qrobot", "vendor"]
 

@@ -27,6 +27,27 @@ def test_a_table_made_is_one_that_can_be_loaded(tmp_path: Path, capsys: pytest.C
     assert said == {"file": str(path), "rows": [pots.size for pots in table.pots]}
 
 
+@pytest.mark.parametrize(
+    "board",
+    [
+        'kind = "port"\nport = { base = 0x300 }\n',
+        'kind = "can"\ncan = { interface = "socketcan", channel = "can0", node_id = 1 }\n',
+        'kind = "modbus"\nmodbus = { host = "192.0.2.1", port = 502 }\n',
+    ],
+)
+def test_a_real_arm_does_not_get_the_table_of_an_emulated_one(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], board: str
+) -> None:
+    path, table = tmp_path / "real.toml", tmp_path / "arm.txt"
+    waits = "servo = { board_timeout_ms = 8.0 }\n"
+    path.write_text(
+        f'[[arm]]\nname = "real"\nrobot = "puma560"\nbridge = {{ port = 5999 }}\n{waits}[arm.board]\n{board}'
+    )
+    assert run_app(make_app(), ["calibrate", str(path), "--make-table", str(table)]) == 1
+    assert "real is no emulated arm" in capsys.readouterr().err
+    assert not table.exists()
+
+
 def test_a_table_that_cannot_be_written_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     blocked = tmp_path / "file"
     blocked.write_text("")
