@@ -120,9 +120,16 @@ class ArmStation:
         self.procedures.stop()
 
     def act(self, name: str) -> None:
-        """Begin one of `servo_requests.ACTIONS`; power off goes by bridge and servo at once, as a stop does."""
+        """Begin one of `servo_requests.ACTIONS`; power off goes by bridge and servo at once, as a stop does.
+
+        It takes back whatever is about to power the arm; a program that commands it already is told, and may wait.
+        """
         if name == POWER_OFF:
             self.requests.power_off(self.watch.ask_stop(power_off=True))
+            self.worker.say(do="stop", power_off=True)
+            self.procedures.stop()
+            if not self._commanded:
+                self.programs.stop()
         else:
             self.requests.act(name)
 

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Final
 
 from qrobot.errors import ServoFault
 from qrobot.pendant.held_press import HeldPress, Press
 from qrobot.pendant.jog_session import SILENT
+from qrobot.pendant.revocable_link import RevokedError, revocable
 from qrobot.rccl.guiding import GuidedArm
 from qrobot.rccl.setpoints import Setpoints
 from qrobot.rci import LinkFactory
@@ -41,18 +43,14 @@ class GuideSession:
     ) -> None:
         self.press = HeldPress()
         self.recordings: list[Setpoints] = []
-        self._robot, self._link = robot, link
+        self._robot, self._link = robot, revocable(link, lambda: self._leaving)
         self._ready, self._tell, self._clock = ready, tell, clock
         self._leaving = False
 
     def leave(self) -> None:
-        """Let go of what is held, bring the arm to rest and end; returns at once."""
+        """Let go of what is held, bring the arm to rest and end; an arm without power gets none. Returns at once."""
         self.press.end()
         self._leaving = True
-
-    def stop(self) -> None:
-        """End: the servo was asked for a stop, and whoever drives has to take the arm again."""
-        self.leave()
 
     def hand(self, opened: bool) -> None:
         """Leave the hand as it is: an arm that is led has it in somebody's way."""
@@ -64,7 +62,7 @@ class GuideSession:
 
     def run(self) -> None:
         """Take the arm and serve; raises what ends it before its time, see `GuidedArm`."""
-        with GuidedArm(self._link, self._robot) as arm:
+        with suppress(RevokedError), GuidedArm(self._link, self._robot) as arm:
             self.recordings = arm.recordings
             self.press.end()  # what was held before the arm could be led
             self._ready()

@@ -4,10 +4,11 @@ It reads lines of JSON from its input and writes some to its output; at the end 
 brings the arm to rest and ends.
 
     {"do": "on", "guide": false, "back": 20.0}, {"do": "off"}, {"do": "press", ...}, {"do": "beat", "number": 3},
-    {"do": "release"}, {"do": "stop"}, {"do": "hand", "opened": true}, {"do": "load", "mass": 1.5,
+    {"do": "release"}, {"do": "stop", "power_off": false}, {"do": "hand", "opened": true}, {"do": "load", "mass": 1.5,
     "centre": [0.0, 0.0, 50.0]}, {"do": "keep", "path": "led.csv", "smooth": 0.003}, {"do": "forget"}
     {"session": "no" | "opening" | "ready", "text": "for people", "guide": false, "led": [2.5, 4.0]}
 
+A stop, or a power-off, for which others ask the servo, takes back an "on" that is not done yet, and ends a session.
 An arm that is jogged goes "back" so many mm from what it met, 0 for not at all. With "guide" it is led by hand; "led"
 are the lengths of what was recorded, in s.
 """
@@ -37,7 +38,7 @@ from qrobot.rccl.setpoint_tables import write_setpoint_table
 from qrobot.rccl.setpoints import Setpoints
 from qrobot.rci import LinkFactory, TcpLink
 
-STOPPED: Final = "STOP was pressed: the arm holds where it stopped; take it again to go on"
+PRESSED: Final = "{} was pressed: the pendant does not command the arm; take it to go on"
 
 
 class JogProcess:
@@ -65,7 +66,9 @@ class JogProcess:
         self._guide, self._back_mm = False, 0.0
         self._led: list[Setpoints] = []
         self._wanted = threading.Event()
-        self._over = self._stopped = False
+        self._lock = threading.Lock()  # of the session, and whether one is wanted
+        self._why = ""  # somebody has ended the session
+        self._over = False
 
     def read(self, lines: Iterable[str]) -> None:
         """Obey lines until there are no more; for a thread of its own."""
@@ -73,31 +76,42 @@ class JogProcess:
             for line in lines:
                 self._obey(json.loads(line))
         finally:  # a line that nobody can obey is the end of the input as well
-            self._over = True
-            self._leave()
-            self._wanted.set()
+            with self._lock:
+                self._over = True
+                self._leave()
+                self._wanted.set()
 
     def run(self) -> None:
         """Serve until the end of the input."""
         self._say("no")
         while not self._over:
             self._wanted.wait()
-            self._wanted.clear()
-            if not self._over:
-                self._serve()
+            with self._lock:
+                session = self._begin()
+            if session is not None:
+                self._serve(session)
 
-    def _serve(self) -> None:
-        session = self._session = self._new_session()
+    def _begin(self) -> JogSession | GuideSession | None:
+        """The session that is wanted; None when that was taken back."""
+        if self._over or not self._wanted.is_set():
+            return None
+        self._wanted.clear()
+        self._why = ""
+        self._session = self._new_session()
+        return self._session
+
+    def _serve(self, session: JogSession | GuideSession) -> None:
         self._say("opening")
-        why, self._stopped = "", False
+        why = ""
         try:
             session.run()
         except QRobotError as error:
-            why = (
-                STOPPED if self._stopped else f"the pendant no longer commands the arm: {error}. Take it again to go on"
-            )
-            self._wanted.clear()  # a second "on" of the session that has ended does not take the arm again
-        self._led, self._session = self._recorded(), None
+            why = f"the pendant no longer commands the arm: {error}. Take it again to go on"
+        with self._lock:
+            if why:
+                self._wanted.clear()  # a second "on" of the session that has ended does not take the arm again
+            self._led, self._session = self._recorded(), None
+            why = self._why or why
         self._say("no", why)
 
     def _new_session(self) -> JogSession | GuideSession:
@@ -128,6 +142,10 @@ class JogProcess:
         self._say("ready")
 
     def _obey(self, message: dict[str, Any]) -> None:
+        with self._lock:
+            self._do(message)
+
+    def _do(self, message: dict[str, Any]) -> None:
         session, now_s = self._session, self._clock()
         match message.pop("do"):
             case "on":
@@ -140,9 +158,8 @@ class JogProcess:
                 session.press.begin(Press(**message), now_s)
             case "beat" if session is not None:
                 session.press.beat(message["number"], now_s)
-            case "stop" if session is not None:
-                self._stopped = True
-                session.stop()
+            case "stop":
+                self._stop(PRESSED.format("Power off" if message.get("power_off") else "STOP"))
             case "release" if session is not None:
                 session.press.end()
             case "hand" if session is not None:
@@ -156,6 +173,12 @@ class JogProcess:
             case "forget" if session is None:
                 self._led = []
                 self._say("no")
+
+    def _stop(self, why: str) -> None:
+        if self._session is None and self._wanted.is_set():
+            self._say("no", why)
+        self._why = why
+        self._leave()
 
     def _leave(self) -> None:
         self._wanted.clear()

@@ -12,6 +12,7 @@ from qrobot.arrays import Floats
 from qrobot.config import Robot
 from qrobot.errors import LinkError, MotionError, QRobotError, ServoFault
 from qrobot.pendant.held_press import HeldPress, Press
+from qrobot.pendant.revocable_link import RevokedError, revocable
 from qrobot.rccl.channel import Channel
 from qrobot.rccl.connect import open_channel
 from qrobot.rccl.database import DataBase
@@ -51,7 +52,8 @@ class JogSession:
         back_mm: float = 0.0,
     ) -> None:
         self.press, self._back_mm = HeldPress(), back_mm
-        self._robot, self._link, self._taught = robot, link, taught
+        self._robot, self._taught = robot, taught
+        self._link = revocable(link, lambda: self._leaving)
         self._ready, self._tell, self._clock = ready, tell, clock
         self._leaving = False
         self._load: tuple[float, list[float]] | None = None
@@ -59,13 +61,9 @@ class JogSession:
         self._done: Press | None = None
 
     def leave(self) -> None:
-        """Let go of what is held, bring the arm to rest and end; returns at once."""
+        """Let go of what is held, bring the arm to rest and end; an arm without power gets none. Returns at once."""
         self.press.end()
         self._leaving = True
-
-    def stop(self) -> None:
-        """Let go of what is held: the servo was asked for a stop, which ends the session."""
-        self.press.end()
 
     def hand(self, opened: bool) -> None:
         """Open or close the hand; does nothing before the arm follows, or once it is lost: `run` tells why."""
@@ -79,7 +77,7 @@ class JogSession:
 
     def run(self) -> None:
         """Take the arm and serve; raises what ends it before its time, see `open_channel`."""
-        with open_channel(self._link, self._robot, PERIOD_MS) as arm:
+        with suppress(RevokedError), open_channel(self._link, self._robot, PERIOD_MS) as arm:
             self._arm = arm
             try:
                 self._serve(arm)

@@ -85,8 +85,9 @@ def test_only_the_page_that_drives_moves_the_arm_and_everybody_may_stop_it(floor
     for message in (PRESS, *acts, *others):
         assert floor.says(1, **message) == []
     assert floor.says(1, do="stop") == ["stop", {"do": "stop"}]
-    for name in ("power off", "pause"):
-        assert floor.says(1, do="act", arm=0, name=name) == [name]
+    taken_back = {"do": "stop", "power_off": True}  # an arm that is about to be taken would be powered afterwards
+    assert floor.says(1, do="act", arm=0, name="power off") == ["power off", taken_back]
+    assert floor.says(1, do="act", arm=0, name="pause") == ["pause"]
     with pytest.raises(MotionError, match="none of number 2"):
         floor.says(0, **PRESS | {"arm": 1})
 
@@ -315,6 +316,20 @@ def test_a_program_that_moves_the_arm_is_ended_by_stop_of_any_page_and_paused_wh
     floor.leave(floor.pages[0])
     assert floor.asked == [{"do": "release"}, {"do": "off"}, "pause"]
     assert "the program is paused" in floor.station.status["notice"]
+
+
+def test_power_off_ends_what_is_about_to_power_the_arm_and_lets_a_program_that_commands_it_hear_of_it(
+    floor: Floor, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in ("programs", "procedures"):
+        runner = getattr(floor.station, name)
+        monkeypatch.setattr(type(runner), "live", True)
+        monkeypatch.setattr(runner, "end", lambda name=name: floor.asked.append(name))
+    off = ["power off", {"do": "stop", "power_off": True}, "procedures"]
+    floor.station.watch._tell(State(1, RobotState(**READY), commanded=True))  # type: ignore[arg-type]
+    assert floor.says(1, do="act", arm=0, name="power off") == off  # one that keeps its path waits on it
+    floor.station.watch._tell(State(1, RobotState(**READY)))  # type: ignore[arg-type]
+    assert floor.says(1, do="act", arm=0, name="power off") == [*off, "programs"]
 
 
 def test_a_program_of_two_arms_is_paused_at_both_when_either_of_them_is_left(

@@ -106,7 +106,7 @@ def test_an_arm_is_led_while_its_button_is_held_and_a_page_that_fell_silent_lead
         (3.4, press(2)),
         (4.2, lambda page: page.push(0.0 * GENTLY)),
         (4.5, press(3, "joint")),
-        (5.0, lambda page: page.session.stop()),
+        (5.0, lambda page: page.session.leave()),
     )
     rest_s = 1.9 + PATIENCE_S + 0.4
     assert np.abs(page.at(1.15) - page.at(0.9)).max() < 1e-3  # it carries its weight

@@ -15,7 +15,7 @@ from qrobot.errors import LinkLost
 from qrobot.pendant import jog_session
 from qrobot.pendant.jog_process import JogProcess, fences_of_told
 from qrobot.pendant.jog_worker import told_arm
-from tests.support.patience import PATIENCE_S, give_time
+from tests.support.patience import PATIENCE_S, give_time, wait_until
 
 ON = '{"do": "on"}'
 
@@ -47,6 +47,64 @@ def test_a_second_on_does_not_take_the_arm_again_after_its_session_has_ended(mon
     reader.join()
     assert "power was taken away" in answers.getvalue()
     assert taken == ["puma560"]
+
+
+@pytest.mark.realtime
+@pytest.mark.parametrize(("line", "told"), [("stop", "STOP was pressed"), ("off", "")])
+def test_an_arm_that_is_asked_for_while_the_process_still_compiles_is_not_taken_after_a_stop(
+    line: str, told: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    answers, asked = io.StringIO(), threading.Event()
+
+    def lines() -> Iterator[str]:
+        yield ON
+        yield f'{{"do": "{line}"}}'
+        asked.set()
+        give_time()
+
+    monkeypatch.setattr(jog_session, "open_channel", lambda *_args: pytest.fail("the arm is taken"))
+    process = JogProcess("puma560", pytest.fail, Path("unused"), answers)
+    reader = threading.Thread(target=process.read, args=(lines(),))
+    reader.start()
+    assert asked.wait(PATIENCE_S)
+    process.run()  # as after `compile_motion`
+    reader.join()
+    assert "opening" not in answers.getvalue()
+    assert told in answers.getvalue()
+
+
+@pytest.mark.realtime
+@pytest.mark.parametrize("off", ["", ', "power_off": true'])
+def test_people_are_told_why_the_pendant_no_longer_commands_the_arm(off: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A stop that ends a session says so, and says nothing of what ends the next one."""
+    began, stopped, answers = threading.Event(), threading.Event(), io.StringIO()
+
+    def take(*_args: object) -> None:
+        began.set()
+        assert stopped.wait(PATIENCE_S)
+        raise LinkLost("power was taken away")
+
+    def lines() -> Iterator[str]:
+        yield ON
+        assert began.wait(PATIENCE_S)
+        yield f'{{"do": "stop"{off}}}'
+        began.clear()
+        stopped.set()
+        wait_until(lambda: answers.getvalue().count('"no"') == 2)
+        yield ON
+        assert began.wait(PATIENCE_S)
+        wait_until(lambda: answers.getvalue().count('"no"') == 3)
+
+    monkeypatch.setattr(jog_session, "open_channel", take)
+    process = JogProcess("puma560", pytest.fail, Path("unused"), answers)
+    reader = threading.Thread(target=process.read, args=(lines(),))
+    reader.start()
+    process.run()
+    reader.join()
+    *_, first, _opening, second = answers.getvalue().splitlines()
+    assert ("Power off was pressed" if off else "STOP was pressed") in first
+    assert "pressed" not in second
+    assert "power was taken away" in second
 
 
 @pytest.mark.realtime

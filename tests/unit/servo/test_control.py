@@ -1022,6 +1022,27 @@ def test_whoever_breaks_off_a_request_may_stop_the_arm_by_the_same_client(
         assert servo.bench.mail.command.stops == stops + 1
 
 
+@pytest.mark.parametrize("halt", ["request_stop", "request_power_off"])
+def test_a_stop_or_a_power_off_takes_back_the_power_that_is_just_being_asked_for(
+    servo: Bench, client: ServoClient, halt: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    client.power_off()
+    wait, halts = Controls._wait_for_loop, [getattr(servo.mailbox, halt)]
+
+    def wait_and_halt(controls: Controls) -> None:
+        while halts:
+            halts.pop()()
+        wait(controls)
+
+    monkeypatch.setattr(Controls, "_wait_for_loop", wait_and_halt)
+    with pytest.raises(QRobotError, match="asked for a stop, or for no power"):
+        client.power_on()
+    assert client.status().mode == "OFF"
+    assert servo.bench.mail.command.power == 0
+    assert client.power_on().mode == "HOLDING"
+    client.power_off()
+
+
 def test_a_board_has_no_counter_for_a_seventh_joint() -> None:
     robot: Any = SimpleNamespace(name="seven", n=7)
     with (
