@@ -138,7 +138,7 @@ def run_gateway(arm: DeployedArm, record: Path | None = None) -> None:
     await_turn()
     needed = partial(arm_is_driven, arm.name)
     with QueuedReport(lambda line: note(f"{arm.name}: {line}")) as report:
-        bus, period_ns, module_losses = open_transport(arm.board, report)
+        bus, period_ns, module_losses = open_transport(arm.board, report, arm.servo.board_timeout_ms)
         held = sum(1 << each.bit for each in arm.board.outputs if each.on_stop == "hold")
         if record is None:
             serve(arm.name, bus, period_ns, report, module_losses, held, needed)

@@ -93,6 +93,8 @@ class BoardChoice(Table):
     def _has_a_table_to_calibrate_with(self) -> BoardChoice:
         if self.calibrate_at_start and self.calibration_table is None:
             raise ValueError("calibrate_at_start needs a calibration_table")
+        if self.calibration_table is not None and self.kind == "drives":
+            raise ValueError("separate drives have no potentiometers and no index pulses: leave calibration_table out")
         return self
 
     @model_validator(mode="after")

@@ -24,6 +24,9 @@ class DrivesTransport(Table):
     negative number turns the direction around. `counts_at_zero` is the counter at the drive's position 0; with
     `absolute` encoders it is right after power-up too, and the arm is calibrated by it. Position mode needs that.
 
+    All drives keep their last torque while the answer of one is waited for: `timeout_ms`, and no longer than
+    `servo.board_timeout_ms`. Then they are switched off, in position mode stopped quickly.
+
     Each drive maps control word and target torque (position) to RPDO 1, status word and actual position to TPDO 1, both
     synchronous, and stops by itself when SYNC stays away.
     """

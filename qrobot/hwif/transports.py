@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
 from typing import TYPE_CHECKING, Final, NamedTuple
@@ -32,15 +33,16 @@ class Transport(NamedTuple):
     module_losses: Callable[[], int]
 
 
-def open_transport(board: BoardChoice, report: Report = lambda _line: None) -> Transport:
+def open_transport(board: BoardChoice, report: Report = lambda _line: None, patience_ms: float = math.inf) -> Transport:
     """The transport to `board`, with whatever stands beside it.
 
-    `report` takes a line when a module beside the board is found or lost.
+    `report` takes a line when a module beside the board is found or lost. Separate drives are not left alone with their
+    last torque for longer than `patience_ms`, the servo's with its board.
 
     Raises:
         ConfigError: this board is not reached by a gateway, or what the transport is made of is not installed.
     """
-    bus = _bus_of(board)
+    bus = _bus_of(board, patience_ms)
     modules = _modules(board, report)
     if board.can_sensor is not None:
         from qrobot.hwif.canbus.sensor import with_sensor
@@ -73,7 +75,7 @@ def modules_beside(board: BoardChoice, memory: BoardMemory, report: Report) -> A
     return panel_modules(memory, modules)
 
 
-def _bus_of(board: BoardChoice) -> Bus:
+def _bus_of(board: BoardChoice, patience_ms: float) -> Bus:
     if board.kind == "port":
         raise ConfigError("the servo reaches a card on this machine's bus by itself: no board process is needed")
     if board.can is not None:
@@ -88,7 +90,7 @@ def _bus_of(board: BoardChoice) -> Bus:
     if board.drives is not None:
         from qrobot.hwif.canbus.drives import drives_bus
 
-        return drives_bus(board.drives)
+        return drives_bus(board.drives, patience_ms)
     raise ConfigError(f"a board of kind {board.kind!r} is behind no transport")
 
 

@@ -46,14 +46,14 @@ class Drives:
     """Emulated drives in a thread, and the bus to them: in position mode when they are given loops of their own.
 
     Attributes:
-        far: the drives. bus: to them. silent: node numbers of which nothing is heard. image: the last one.
+        far: the drives. transport, bus: to them. silent: node numbers of which nothing is heard. image: the last one.
     """
 
     def __init__(self, end: Endpoint, absolute: bool, torque: Sequence[float], loops: Sequence[PositionLoop]) -> None:
         channel = uuid.uuid4().hex
         self.interface = can.Bus(interface="virtual", channel=channel)
         self.far = EmulatedDrives(end, self._send, NODES, torque, INCREMENTS, loops)
-        transport = DrivesTransport(
+        self.transport = DrivesTransport(
             interface="virtual",
             channel=channel,
             mode="position" if loops else "torque",
@@ -63,7 +63,7 @@ class Drives:
             counts_at_zero=(0,) * 6,
             absolute=absolute,
         )
-        self.bus = DrivesBus(transport, lambda: getattr(end, "now_ns", 1))
+        self.bus = DrivesBus(self.transport, lambda: getattr(end, "now_ns", 1))
         self.bus.link.timeout_s = PATIENCE_S
         self.silent: set[int] = set()
         self._cut = False

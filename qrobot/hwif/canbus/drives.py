@@ -9,24 +9,30 @@ word and setpoint (RPDO 1), from them come status word and actual position (TPDO
 * DISCRETE bit 0 and STATUS bit 15: arm power is on while every drive is in OPERATION ENABLED. A drive that leaves it
   takes the others along, and power has to be asked for anew;
 * STATUS bit 0: no drive has stopped by itself (QUICK STOP ACTIVE);
-* the scratch bits, kept here. With absolute encoders the arm is calibrated from the start.
+* the scratch bits, kept here. With absolute encoders the arm is calibrated from the start; with others it is not any
+  more once a drive was lost, for nobody knows whether that has kept its position.
 
 In position mode counters cannot be loaded while the drives are in operation, and drives to which nobody says any more
 where to be are told to QUICK STOP.
+
+When one drive falls silent those that still hear are switched off, in position mode stopped quickly, at once and again
+before every attempt to find them all: no servo and no guardian can tell them meanwhile.
 
 There is no converter: a conversion is never done, and no index pulse is ever seen.
 """
 
 from __future__ import annotations
 
+import math
 import struct
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Final
 
 from qrobot.arrays import Words
 from qrobot.config.drives import DrivesTransport
-from qrobot.errors import RemoteProtocolError
+from qrobot.errors import LinkError, ProtocolError, RemoteProtocolError
 from qrobot.hwif.bus import SCRATCH_BITS, BoardFacts, Operations
 from qrobot.hwif.canbus.ds402 import (
     CYCLIC_POSITION,
@@ -67,17 +73,20 @@ class DrivesBus:
     Args:
         transport: where they are, and what their numbers mean.
         clock: time of an image, ns, once it has come; by default the middle between asking and answer.
+        patience_ms: the answer to a SYNC is waited for no longer, whatever the transport says: all drives keep their
+            last torque as long.
 
     Attributes:
         link: its `timeout_s` may be changed.
     """
 
-    def __init__(self, transport: DrivesTransport, clock: Callable[[], int] | None = None) -> None:
+    def __init__(
+        self, transport: DrivesTransport, clock: Callable[[], int] | None = None, patience_ms: float = math.inf
+    ) -> None:
         self.name = f"CAN {transport.interface}:{transport.channel}, {len(transport.nodes)} drives"
         self._transport, self._now_ns, self._virtual_time = transport, clock or time.monotonic_ns, clock is not None
-        self.link = CanLink(
-            transport.interface, transport.channel, transport.bitrate, transport.nodes, transport.timeout_ms / MS_PER_S
-        )
+        timeout_s = min(transport.timeout_ms, patience_ms) / MS_PER_S
+        self.link = CanLink(transport.interface, transport.channel, transport.bitrate, transport.nodes, timeout_s)
         self._setpoints = setpoints_of(transport)
         self._drives = [DriveFeedback(counts) for counts in transport.counts_at_zero]
         self._discrete = DISCRETE_CALIBRATED if transport.absolute else 0
@@ -92,6 +101,7 @@ class DrivesBus:
             LinkTimeout: one does not answer. RemoteProtocolError: one is no drive, or does not have the mode.
         """
         self.link.open()
+        self._let_go()
         for node in self._transport.nodes:
             if self.link.upload(node, DEVICE_TYPE, 0) & 0xFFFF != PROFILE:
                 raise RemoteProtocolError(f"node {node} is no drive of CiA 402")
@@ -106,11 +116,7 @@ class DrivesBus:
             self._setpoints.take(kind, offset, value)
             if kind == OP_WRITE:
                 self._write(offset, value)
-        self.link.drain()  # what a drive has told unasked, or too late, is older than what it is asked for now
-        asked_ns = self._now_ns()
-        self._transmit()
-        self._collect()
-        answered_ns = self._now_ns()
+        asked_ns, answered_ns = self._ask_all()
         self._judge_power()
         self._fill(image, answered_ns if self._virtual_time else (asked_ns + answered_ns) // 2)
 
@@ -119,6 +125,33 @@ class DrivesBus:
         self.link.close()
 
     # ------------------------------------------------------------------------------------------------------ inside
+
+    def _ask_all(self) -> tuple[int, int]:
+        """Exchange with every drive; when that was, ns. Where one fails the others are let go."""
+        try:
+            self.link.drain()  # what a drive has told unasked, or too late, is older than what it is asked for now
+            asked_ns = self._now_ns()
+            self._transmit()
+            self._collect()
+        except (LinkError, ProtocolError):
+            self._let_go()
+            raise
+        return asked_ns, self._now_ns()
+
+    def _let_go(self) -> None:
+        """Take the torque of the drives that still hear, until power is asked for anew; what fails is passed over.
+
+        In position mode, those that have not told yet where they are get no target.
+        """
+        self._tripped = True
+        for channel, (node, drive) in enumerate(zip(self._transport.nodes, self._drives, strict=True)):
+            if self._setpoints.mode == CYCLIC_POSITION and not drive.status:
+                continue
+            setpoint = self._setpoints.value(channel, drive, False)
+            with suppress(LinkError):
+                self.link.send(RPDO[0] + node, self._setpoints.frame.pack(self._setpoints.leaving, setpoint))
+        with suppress(LinkError):
+            self.link.send(SYNC, b"")
 
     def _write(self, offset: int, value: int) -> None:
         if offset == DISCRETE:
@@ -182,7 +215,7 @@ class DrivesBus:
             raise RemoteProtocolError(f"the drive of node {node} has no {self._setpoints.mode_name} mode")
 
     def _switch_off(self) -> None:
-        self._discrete &= SCRATCH_BITS
+        self._discrete &= SCRATCH_BITS if self._transport.absolute else SCRATCH_BITS & ~DISCRETE_CALIBRATED
         self._was_on = self._tripped = False
         self._setpoints = setpoints_of(self._transport)
         for drive in self._drives:
@@ -209,7 +242,7 @@ class DrivesBus:
             image[IMAGE_ENC_COUNT + channel] = word & 0xFFFF
 
 
-def drives_bus(transport: DrivesTransport) -> DrivesBus:
+def drives_bus(transport: DrivesTransport, patience_ms: float) -> DrivesBus:
     """The bus that a deployment file describes. Raises ConfigError when python-can is not installed."""
     load_can()
-    return DrivesBus(transport)
+    return DrivesBus(transport, patience_ms=patience_ms)

@@ -70,13 +70,14 @@ class CanLink:
             raise LinkLost(f"the interface fails: {error}") from error
 
     def receive(self, deadline: Deadline, whom: str) -> can.Message:
-        """The next data frame, until `deadline`.
+        """The next data frame, until `deadline`; one that has come in by then is found also by who looks too late.
 
         Raises:
             LinkTimeout: none came; names `whom`, and the last emergency messages.
             LinkLost: one of the nodes has started anew, or the interface fails.
         """
-        while (left_s := deadline.left_s) > 0:
+        while True:
+            left_s = deadline.left_s
             message = self._next(left_s)
             if message is not None:
                 self._listen(message)
@@ -84,7 +85,8 @@ class CanLink:
                 raise LinkLost(f"node {self._restarted} has started anew{self.emergencies}")
             if message is not None and _has_data(message):
                 return message
-        raise LinkTimeout(f"{whom} does not answer{self.emergencies}")
+            if message is None and left_s == 0:
+                raise LinkTimeout(f"{whom} does not answer{self.emergencies}")
 
     def waiting(self) -> list[can.Message]:
         """The data frames that have come in, without waiting for more."""

@@ -8,7 +8,7 @@ from math import ceil
 from typing import Final, Protocol
 
 from qrobot.config.drives import DrivesTransport
-from qrobot.hwif.canbus.ds402 import CYCLIC_POSITION, CYCLIC_TORQUE, DriveState, state_of
+from qrobot.hwif.canbus.ds402 import CYCLIC_POSITION, CYCLIC_TORQUE, DISABLE_VOLTAGE, QUICK_STOP, DriveState, state_of
 from qrobot.hwif.operations import OP_REFERENCE, OP_WRITE, REFERENCE_PER_COUNT
 from qrobot.hwif.registers import DAC, DAC_MASK, DAC_ZERO
 
@@ -37,12 +37,14 @@ class DriveSetpoints(Protocol):
     Attributes:
         mode: of operation. mode_name: in the words of CiA 402.
         frame: RPDO 1, control word and setpoint.
+        leaving: control word for a drive that cannot be led any more because another one is silent.
         silent: nobody says any more where the motors are to be; they have to be stopped, until power is taken away.
     """
 
     mode: int
     mode_name: str
     frame: struct.Struct
+    leaving: int
     silent: bool
 
     def take(self, kind: int, offset: int, value: int) -> None:
@@ -64,6 +66,7 @@ class TorqueSetpoints:
     mode = CYCLIC_TORQUE
     mode_name = "cyclic synchronous torque"
     frame = struct.Struct("<Hh")
+    leaving = DISABLE_VOLTAGE
     silent = False  # what falls silent here is the servo, and the guardian takes the power away
 
     def __init__(self, transport: DrivesTransport) -> None:
@@ -99,6 +102,7 @@ class PositionSetpoints:
     mode = CYCLIC_POSITION
     mode_name = "cyclic synchronous position"
     frame = struct.Struct("<Hi")
+    leaving = QUICK_STOP
 
     def __init__(self, transport: DrivesTransport) -> None:
         n = len(transport.nodes)

@@ -6,13 +6,15 @@ from collections.abc import Iterator
 
 import pytest
 
-from qrobot.errors import RemoteProtocolError
+from qrobot.errors import LinkTimeout, RemoteProtocolError
+from qrobot.hwif.canbus.drives import DrivesBus
 from qrobot.hwif.canbus.ds402 import CYCLIC_POSITION, CYCLIC_TORQUE, DriveState
 from qrobot.hwif.operations import OP_REFERENCE, OP_WRITE, REFERENCE_PER_COUNT
 from qrobot.hwif.registers import DAC, DISCRETE, DISCRETE_POWER, ENC_LOAD, STATUS_ESTOP_OK, STATUS_POWER
 from tests.support.bus import BenchEndpoint, Row
 from tests.support.drive_loop import PositionLoop
-from tests.support.drives import INCREMENTS, Drives, served
+from tests.support.drives import INCREMENTS, NODES, Drives, served
+from tests.support.patience import wait_until
 
 ON: Row = (OP_WRITE, DISCRETE, DISCRETE_POWER)
 OFF: Row = (OP_WRITE, DISCRETE, 0)
@@ -105,6 +107,28 @@ def test_a_drive_that_fails_takes_the_others_along_in_position_mode_too(drives: 
     drives.far.fail(3, 0x2310)
     assert not drives.exchange(*references(5.0), times=2) & STATUS_POWER
     assert {drive.state for drive in drives.far.drives} == {DriveState.SWITCH_ON_DISABLED, DriveState.FAULT}
+
+
+def test_when_one_drive_is_silent_the_others_stop_quickly_where_they_are(drives: Drives) -> None:
+    power_on(drives)
+    drives.exchange(*references(5.0))
+    drives.silent.add(3)
+    drives.hurry()
+    with pytest.raises(LinkTimeout):
+        drives.exchange(*references(6.0))
+    others = [drive for node, drive in zip(NODES, drives.far.drives, strict=True) if node != 3]
+    wait_until(lambda: {drive.state for drive in others} == {DriveState.QUICK_STOPPED})
+    assert targets(drives) == in_increments(6.0)
+
+
+def test_drives_that_have_not_told_where_they_are_get_no_target(drives: Drives) -> None:
+    turn(drives, 500.0)
+    power_on(drives)
+    after, before = DrivesBus(drives.transport), targets(drives)
+    after.connect()
+    assert targets(drives) == before
+    assert {drive.state for drive in drives.far.drives} == {DriveState.ENABLED}
+    after.close()
 
 
 def test_counters_are_loaded_only_while_no_drive_is_in_operation(drives: Drives) -> None:

@@ -92,6 +92,16 @@ def test_drives_are_reached_by_a_bus_too(tmp_path: Path) -> None:
     assert (bus.name, period_ns) == ("CAN virtual:x, 6 drives", 2_000_000)
 
 
+@pytest.mark.parametrize(("timeout_ms", "patience_s"), [(50, 0.010), (4, 0.004)])
+def test_drives_are_waited_for_no_longer_than_the_servo_waits(
+    tmp_path: Path, timeout_ms: float, patience_s: float
+) -> None:
+    [arm] = load(tmp_path, f"{DRIVES}timeout_ms = {timeout_ms}\n").arm
+    bus = open_transport(arm.board, patience_ms=arm.servo.board_timeout_ms).bus
+    assert isinstance(bus, DrivesBus)
+    assert bus.link.timeout_s == patience_s
+
+
 @pytest.mark.parametrize("mode", ["torque", "position"])
 def test_the_mode_of_the_drives_is_known_to_the_servo(tmp_path: Path, mode: str) -> None:
     table = DRIVES.replace("torque_permille", "#") if mode == "position" else DRIVES
@@ -162,6 +172,7 @@ def test_a_law_is_refused_where_nobody_obeys_it(tmp_path: Path) -> None:
         ("nodes", "mode = 'position'\nnodes", "torque_permille has no meaning in position mode"),
         ("torque_permille", "mode = 'position'\n#", "position mode needs absolute = true"),
         ("nodes", "mode = 'velocity'\nnodes", "'torque' or 'position'"),
+        ('kind = "drives"', "kind = 'drives'\ncalibration_table = 'puma560'", "no potentiometers and no index pulses"),
     ],
 )
 def test_drives_need_a_number_for_each_that_means_something(tmp_path: Path, old: str, new: str, message: str) -> None:

@@ -11,6 +11,7 @@ import pytest
 from qrobot.config import load_robot
 from qrobot.errors import LinkLost, LinkTimeout, RemoteProtocolError
 from qrobot.faultcodes import FaultCode
+from qrobot.hwif.board_memory import local_board_memory
 from qrobot.hwif.bus import Endpoint
 from qrobot.hwif.canbus.drives import DrivesBus
 from qrobot.hwif.canbus.ds402 import (
@@ -25,6 +26,7 @@ from qrobot.hwif.canbus.ds402 import (
     state_of,
     towards_operation,
 )
+from qrobot.hwif.gateway import Gateway
 from qrobot.hwif.operations import OP_WRITE
 from qrobot.hwif.registers import (
     DAC,
@@ -42,8 +44,9 @@ from qrobot.servo.memory.setpoint_queue import POSITION_SETPOINT
 from qrobot.servo.settings import ServoSettings
 from qrobot.sim_board.emulator import Emulator
 from tests.support.bus import BenchEndpoint, Row
-from tests.support.drives import Drives, served
+from tests.support.drives import NODES, Drives, served
 from tests.support.emulated_drives import EmulatedDrive
+from tests.support.patience import MOMENT_S, wait_until
 from tests.support.transport_rig import TransportRig
 
 ROBOT = load_robot("puma560")
@@ -158,6 +161,40 @@ def test_a_drive_that_is_silent_is_named_with_what_it_complained_of(drives: Driv
     assert drives.image.tolist() == image.tolist()
 
 
+def states_but(drives: Drives, silent: int) -> set[DriveState]:
+    """States of the drives that hear, whose node is not `silent`."""
+    return {drive.state for node, drive in zip(NODES, drives.far.drives, strict=True) if node != silent}
+
+
+@pytest.mark.parametrize("silent", [1, 3, 6])
+def test_when_one_drive_is_silent_the_others_are_let_go_at_once(drives: Drives, silent: int) -> None:
+    torque = [(OP_WRITE, DAC + 2 * joint, DAC_ZERO - 100) for joint in range(6)]
+    assert drives.exchange(ON, *torque, times=STEPS_UP) & STATUS_POWER
+    drives.silent.add(silent)
+    drives.hurry()
+    with pytest.raises(LinkTimeout, match="does not answer"):
+        drives.exchange()
+    wait_until(lambda: states_but(drives, silent) == {DriveState.SWITCH_ON_DISABLED})
+    drives.silent.clear()
+    drives.mend()
+    assert not drives.exchange(times=STEPS_UP + 1) & STATUS_POWER  # nobody has asked for it anew
+
+
+def test_drives_that_somebody_left_in_operation_are_let_go_before_all_are_found(
+    drives: Drives, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert drives.exchange(ON, times=STEPS_UP) & STATUS_POWER
+    monkeypatch.setattr("qrobot.hwif.canbus.link.SDO_TIMEOUT_S", MOMENT_S)
+    drives.silent.add(1)
+    drives.hurry()
+    after = DrivesBus(drives.transport)
+    after.link.timeout_s = MOMENT_S
+    with pytest.raises(LinkTimeout, match="does not answer"):
+        after.connect()
+    wait_until(lambda: states_but(drives, 1) == {DriveState.SWITCH_ON_DISABLED})
+    after.close()
+
+
 def test_what_drives_tell_unasked_is_never_taken_for_the_answer(drives: Drives) -> None:
     for counts in (0, 100, 200, 300):
         for _ in range(3):
@@ -172,6 +209,18 @@ def test_a_drive_that_has_started_anew_between_two_exchanges_is_named(drives: Dr
     drives.far.boot()
     with pytest.raises(LinkLost, match="has started anew"):
         drives.exchange()
+
+
+@pytest.mark.parametrize("absolute", [True, False])
+def test_drives_that_were_lost_are_calibrated_by_absolute_encoders_alone(absolute: bool) -> None:
+    with served(BenchEndpoint(), absolute) as drives:
+        gateway = Gateway(drives.bus, local_board_memory(), 2_000_000)
+        assert gateway.step(0)
+        drives.exchange((OP_WRITE, DISCRETE, DISCRETE_CALIBRATED))  # by whoever has loaded the counters
+        drives.far.boot()  # their supply was off, and their counters are zero
+        assert not gateway.step(1)
+        assert gateway.step(2)
+        assert bool(drives.exchange() & STATUS_CALIBRATED) == absolute
 
 
 def test_a_node_that_is_no_drive_is_refused(drives: Drives, monkeypatch: pytest.MonkeyPatch) -> None:
