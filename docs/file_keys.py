@@ -111,6 +111,8 @@ def _annotation_name(model: type[BaseModel], key: str) -> str:
 def _kind(alias: str, annotation: Any) -> str:
     if alias in PER_JOINT:
         return f"n {PER_JOINT[alias]}"
+    if alias == "OneOrPerJoint":
+        return "number, or n numbers"
     if alias == "Vector":
         return "3 numbers"
     if alias == "Coupling":

@@ -23,6 +23,7 @@ from qrobot.config.values import (
     JointDegrees,
     JointDegreesPositive,
     JointKinds,
+    OneOrPerJoint,
     PerJoint,
     PerJointChannels,
     PerJointCounts,
@@ -122,8 +123,9 @@ class Transmission(Section):
     `dac_per_Nm` is signed; on a prismatic joint it is DAC counts per newton. `count_offset` is what the host adds to a
     counter so that the joint's range fits a signed 16-bit word. `pot_channel` is the ADC channel of the joint's
     potentiometer, by default 0 for the first and so on; `pot_at_zero` and `pot_per_rev` are ADC units of
-    20 V/65536 at encoder zero and per motor turn in the direction of rising counts. With `scales = "vendor"`
-    the board vendor's radians per count replace those that follow from `gear` (shape (n,), signed).
+    20 V/65536 at encoder zero and per motor turn in the direction of rising counts, one number where it is
+    the same on all joints. With `scales = "vendor"` the board vendor's radians per count replace those that follow
+    from `count_sign`, `counts_per_rev` and `gear` (shape (n,), signed).
     """
 
     gear: PerJointPositive
@@ -137,7 +139,7 @@ class Transmission(Section):
     brake: PerJointFlags
     index_phase: PerJointInts
     pot_at_zero: PerJointPositive
-    pot_per_rev: float = Field(allow_inf_nan=False)
+    pot_per_rev: OneOrPerJoint
     scales: Literal["gear", "vendor"]
     vendor_rad_per_count: PerJointNonzero | None = None
     pot_channel: PerJointChannels | None = None
@@ -152,6 +154,11 @@ class Transmission(Section):
     def pot_channels(self) -> Ints:
         """ADC channel of each joint's potentiometer. Shape (n,)."""
         return np.arange(self.gear.size) if self.pot_channel is None else self.pot_channel
+
+    @property
+    def pots_per_rev(self) -> Floats:
+        """ADC units by which each potentiometer rises in a motor turn of rising counts. Shape (n,)."""
+        return frozen(np.broadcast_to(np.asarray(self.pot_per_rev, dtype=np.float64), self.gear.shape))
 
     @property
     def rad_per_count(self) -> Floats:

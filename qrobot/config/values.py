@@ -7,6 +7,7 @@ and metres on prismatic ones.
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -74,6 +75,15 @@ def _numbers(*shape: int) -> Callable[[Any, ValidationInfo], Floats]:
         return frozen(_array(value, (_n(info), *shape), "iuf", "numbers").astype(np.float64))
 
     return validate
+
+
+def _one_or_numbers(value: Any, info: ValidationInfo) -> float | Floats:
+    """One finite number for all joints, or float64 of shape (n,)."""
+    if isinstance(value, list):
+        return frozen(_array(value, (_n(info),), "iuf", "numbers").astype(np.float64))
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        raise ValueError(f"must be a finite number, or {_n(info)} numbers")
+    return float(value)
 
 
 def _degrees(value: Any, info: ValidationInfo) -> Floats:
@@ -150,6 +160,7 @@ def _channels(array: Ints) -> Ints:
 
 
 PerJoint = Annotated[Floats, PlainValidator(_numbers())]
+OneOrPerJoint = Annotated[float | Floats, PlainValidator(_one_or_numbers)]
 PerJointPositive = Annotated[PerJoint, AfterValidator(_positive)]
 PerJointNotNegative = Annotated[PerJoint, AfterValidator(_not_negative)]
 PerJointNonzero = Annotated[PerJoint, AfterValidator(_nonzero)]

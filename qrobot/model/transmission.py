@@ -71,7 +71,7 @@ def transmission_params(robot: Robot) -> TransmissionParams:
         counts_per_rev=np.array(t.counts_per_rev),
         dac_per_Nm=np.array(t.dac_per_Nm),
         pot_at_zero=np.array(t.pot_at_zero),
-        pot_per_count=t.pot_per_rev / t.counts_per_rev,
+        pot_per_count=t.pots_per_rev / t.counts_per_rev,
     )
 
 

@@ -68,7 +68,7 @@ class _Recorder:
     def record(self, joint: int, places: Floats, progress: TableProgress) -> tuple[list[int], list[int]]:
         """Rows (pots, counts) met while the arm is led through `places` (m, n)."""
         transmission = self.emulator.robot.transmission
-        slope = transmission.pot_per_rev / transmission.counts_per_rev[joint]
+        slope = transmission.pots_per_rev[joint] / transmission.counts_per_rev[joint]
         channel, adc = int(transmission.pot_channels[joint]), record_of(make_adc_state())
         pots, counts, residues = [], [], []
         bit, valid_at = INDEX_BIT_0 << joint, -1

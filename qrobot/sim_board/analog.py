@@ -50,7 +50,7 @@ class Analog(NamedTuple):
 
 def make_analog(
     zero: NDArray[np.float64],
-    slope: float,
+    slope: float | NDArray[np.float64],
     seed: int,
     noise: float = NOISE_UNITS,
     wave: float = WAVE_UNITS,
@@ -59,13 +59,13 @@ def make_analog(
 ) -> Analog:
     """Potentiometers with the given readings at encoder zero, on the given channels or on 0 and above.
 
-    The seed draws their waviness and all later noise.
+    `slope` is what they rise by in a turn of rising counts, all alike or each. The seed draws their waviness
+    and all later noise.
     """
     phases = np.random.default_rng(seed).uniform(0.0, 2.0 * math.pi, N_ENCODERS)
-    zeros = np.zeros(N_ENCODERS)
-    zeros[: zero.size] = zero
+    zeros, slopes, waves = np.zeros(N_ENCODERS), np.zeros(N_ENCODERS), np.full(N_ENCODERS, wave)
+    zeros[: zero.size], slopes[: zero.size] = zero, slope
     state = first_state(seed)
-    slopes, waves = np.full(N_ENCODERS, slope), np.full(N_ENCODERS, wave)
     pot_of = np.full(N_ADCS, -1, dtype=np.int64)
     pot_of[np.arange(zero.size) if channels is None else channels[: zero.size]] = np.arange(zero.size)
     wiper, external = np.zeros(N_ENCODERS), np.zeros(N_ADCS)

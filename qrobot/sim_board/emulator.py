@@ -266,7 +266,7 @@ def _make_board(robot: Robot, options: BoardOptions, seed: int, pots: bool, faul
     transmission = robot.transmission
     encoders = make_encoders(transmission.counts_per_rev, transmission.index_phase)
     at_zero = transmission.pot_at_zero if pots else np.zeros(0)
-    analog = make_analog(at_zero, transmission.pot_per_rev, seed, channels=transmission.pot_channels)
+    analog = make_analog(at_zero, transmission.pots_per_rev[: at_zero.size], seed, channels=transmission.pot_channels)
     return make_board(encoders, analog, options, fault_seed)
 
 

@@ -33,6 +33,9 @@ FEWEST_ROWS: Final = 8
 FARTHEST_POT: Final = 32768  # 10 V
 FARTHEST_COUNT: Final = 65536  # a 16-bit counter, shifted by an offset as on joint 4
 OFF_LINE: Final = 0.5  # rows of pot travel by which a reading may lie beside the straight line through all
+OFF_ROBOT: Final = (
+    1.0  # rows by which that line may lie beside the robot file's; those of the vendor's sample lie within 0.2 [V]
+)
 _CRC: Final = re.compile(r"#\s*crc32\s+([0-9a-f]{8})\s*$")
 _REMEDY: Final = "measure it anew, or for an emulated arm `qrobot calibrate --make-table FILE`"
 
@@ -57,7 +60,10 @@ class CalibrationTable:
         return len(self.pots)
 
     def check_against(self, robot: Robot, label: str) -> None:
-        """Raise ConfigError when this is no table of `robot`: joints, counts per turn or index phases differ."""
+        """Raise ConfigError when this is no table of `robot`.
+
+        Joints, counts per turn, index phases or the lines of the potentiometers differ.
+        """
         if self.n != robot.n:
             raise ConfigError(f"{label}: {self.n} joints, {robot.name} has {robot.n}")
         transmission = robot.transmission
@@ -71,6 +77,25 @@ class CalibrationTable:
             if int(counts[0]) % per_turn != phase:
                 what = f"index at {int(counts[0]) % per_turn} of a turn, {robot.name} has it at {phase}"
                 raise ConfigError(f"{label}: joint {joint + 1}: {what}; the robot file or the table is another arm's")
+            self._check_line(robot, joint, f"{label}: joint {joint + 1}")
+
+    def _check_line(self, robot: Robot, joint: int, where: str) -> None:
+        """Raise ConfigError when the robot file's straight line is not that of the readings, from end to end.
+
+        The pose before calibration is taken from it, and the readings of a calibration are corrected by its slope.
+        """
+        per_turn = int(robot.transmission.counts_per_rev[joint])
+        zero, slope = float(robot.transmission.pot_at_zero[joint]), float(robot.transmission.pots_per_rev[joint])
+        turns = self.counts[joint][1:] / per_turn  # the first row may be off
+        found_slope, found_zero = np.polyfit(turns, self.pots[joint][1:], 1)
+        beside = np.abs(found_zero - zero + (found_slope - slope) * turns).max()
+        if beside > OFF_ROBOT * abs(found_slope):
+            raise ConfigError(
+                f"{where}: its readings are {found_zero:.0f} at count 0 and {found_slope:+.1f} a motor turn, "
+                f"{robot.name} has pot_at_zero {zero:.0f} and pot_per_rev {slope:+.1f}: the table or the robot file is "
+                "another arm's, or the ends of the potentiometer or A and B of the encoder are swapped, or count_sign "
+                "was changed alone"
+            )
 
 
 class CalibrationParams(NamedTuple):

@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from qrobot.config import load_robot
+from qrobot.config import Robot, load_robot
 from qrobot.errors import ConfigError
 from qrobot.servo.calibration.table import (
     MOST_ROWS,
@@ -179,6 +179,36 @@ def test_a_table_of_the_other_direction_is_refused() -> None:
     backwards = "\n".join([*lines[1:start], *reversed(lines[start:end]), *lines[end:]])
     with pytest.raises(ConfigError, match="rows are -1000 counts apart"):
         parse_table(backwards, "t").check_against(ROBOT, "t")
+
+
+def with_transmission(**values: object) -> Robot:
+    """The PUMA with another transmission."""
+    return ROBOT.model_copy(update={"transmission": ROBOT.transmission.model_copy(update=values)})
+
+
+def test_a_table_of_potentiometers_that_rise_the_other_way_is_refused() -> None:
+    """As of an arm whose count_sign was turned round for joint 1: its counts rise with its potentiometer."""
+    signs = ROBOT.transmission.count_sign * [-1, 1, 1, 1, 1, 1]
+    phases = np.array([-70, *ROBOT.transmission.index_phase[1:]])
+    turned = parse_table(with_rows(1, lambda pot, count: f"{pot} {-count}"), "t")
+    told = r"t: joint 1: its readings .* \+150\.1 a motor turn, puma560 has .* pot_per_rev -150\.1: .* count_sign"
+    with pytest.raises(ConfigError, match=told):
+        turned.check_against(with_transmission(count_sign=signs, index_phase=phases), "t")
+    each = np.array([150.1, *[-150.1] * 5])
+    turned.check_against(with_transmission(count_sign=signs, index_phase=phases, pot_per_rev=each), "t")
+
+
+@pytest.mark.parametrize("turns", [3, -3, 1.5])
+def test_a_table_of_a_potentiometer_that_is_mounted_elsewhere_is_refused(turns: float) -> None:
+    zero = ROBOT.transmission.pot_at_zero + 150.1 * turns * np.eye(6)[1]
+    with pytest.raises(ConfigError, match=rf"joint 2: its readings are 85\d\d at .* pot_at_zero {zero[1]:.0f} and"):
+        load_table("puma560", with_transmission(pot_at_zero=zero))
+
+
+def test_a_slope_that_leads_to_another_turn_at_the_ends_of_the_table_is_refused() -> None:
+    load_table("puma560", with_transmission(pot_per_rev=-151.0))
+    with pytest.raises(ConfigError, match=r"joint 1: .* pot_per_rev -160\.0"):
+        load_table("puma560", with_transmission(pot_per_rev=-160.0))
 
 
 def test_a_missing_table_names_those_there_are() -> None:
