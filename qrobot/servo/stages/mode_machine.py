@@ -73,6 +73,7 @@ CAL_NO_TABLE: Final = int(FaultCode.CAL_NO_TABLE)
 COLLISION: Final = int(FaultCode.COLLISION)
 SATURATED: Final = int(FaultCode.SATURATED)
 STAGE_IDLE: Final = int(Stage.IDLE)
+LOADING: Final = int(Stage.LOADING)  # the stages from here on move nothing
 
 # A clear that cannot be granted at once is tried for this long (the guardian needs a cycle to hand back the board).
 CLEAR_PATIENCE_NS: Final = 100_000_000
@@ -229,11 +230,14 @@ def begin_calibration(params: ServoParameters, state: ServoState, indexes: int) 
 
 @lean_kernel
 def _obey_calibration(params: ServoParameters, state: ServoState, mail: Any, stopped: bool) -> None:
-    """Begin a calibration when asked to, end it when asked to stop."""
+    """Begin a calibration when asked to, end it when asked to stop.
+
+    Counters that are being loaded are waited for, a few cycles at rest: their new words would look like a jump.
+    """
     mode = state.mode
     asked = mail.command.calibrations != state.calibrates_seen
     state.calibrates_seen = mail.command.calibrations
-    if mode == CALIBRATING and stopped:
+    if mode == CALIBRATING and stopped and state.cal.stage < LOADING:
         report_event(state, CAL_STOPPED, state.cal.joint_now)
         hold_position(state)
         set_mode(state, UNCALIBRATED)

@@ -11,6 +11,7 @@ from qrobot.errors import ConfigError, LinkTimeout, ServoFault
 from qrobot.faultcodes import NO_JOINT, FaultCode
 from qrobot.modecodes import Mode
 from qrobot.rig.interrupts import interrupted_by_signals
+from qrobot.rig.table_maker import make_table
 from qrobot.servo.calibration.state import Stage
 from qrobot.servo.memory.published_state import FLAG_CALIBRATED
 from qrobot.servo.operator.calibration_client import run_calibration
@@ -335,6 +336,38 @@ def test_a_stop_ends_it_and_the_arm_stays_held(stage: Stage) -> None:
     rig.mailbox.request_stop()
     rig.run_for(0.2)
     refused(rig, FaultCode.CAL_STOPPED, joint)
+
+
+@pytest.mark.parametrize("late", [True, False])
+def test_a_stop_while_the_counters_are_loaded_lets_them_be_and_the_arm_stays_held(late: bool) -> None:
+    """`late`: the stop comes before the image with the new counters, else with it."""
+    rig = CalibratingRig().calibrating(until=Stage.SETTLING)
+    while rig.state.cal.still + 1 < rig.params.settle_cycles:
+        rig.ticks(1)
+    rig.compute()
+    assert rig.stage is Stage.LOADING
+    rig.ticks(0 if late else 1)
+    rig.mailbox.request_stop()
+    rig.compute()
+    rig.run_for(0.2)
+    assert rig.mode is Mode.HOLDING
+    assert rig.emulator.powered
+    assert rig.emulator.calibrated
+    assert rig.exact()
+
+
+def test_an_arm_one_of_whose_joints_counts_the_other_way_with_its_potentiometer_is_calibrated() -> None:
+    phase, each = PUMA.transmission.index_phase, PUMA.transmission.counts_per_rev
+    transmission = PUMA.transmission.model_copy(
+        update={
+            "count_sign": PUMA.transmission.count_sign * [-1, 1, 1, 1, 1, 1],
+            "index_phase": np.array([-phase[0], *phase[1:]]) % each,
+            "pot_per_rev": np.array([150.1, *[-150.1] * 5]),
+        }
+    )
+    robot = PUMA.model_copy(update={"transmission": transmission})
+    table = make_table(Emulator(robot, physics="rigid"))
+    assert CalibratingRig(random_pose(5), robot=robot, table=table).outcome() is None
 
 
 def test_power_off_ends_it() -> None:
