@@ -40,6 +40,7 @@ from qrobot.config.values import (
 )
 from qrobot.errors import ConfigError
 
+COUNTER_RANGE = (-32768, 32767)  # of a signed 16-bit word
 DAC_HALF_RANGE = 2048  # 12-bit offset binary around 0x800 [V]
 UNEXPLAINED_SHARE = 0.7  # of tau_max: wrong friction, load and gain together stay below
 UNKNOWN_LOAD_SHARE = 0.15  # of the torque limit: 2.5 kg on a PUMA 560
@@ -166,6 +167,13 @@ class Transmission(Section):
         if self.scales == "vendor" and self.vendor_rad_per_count is not None:
             return self.vendor_rad_per_count
         return frozen(self.count_sign * 2.0 * np.pi / (self.counts_per_rev * self.gear))
+
+    def counts_between(self, low: Floats, high: Floats) -> tuple[Floats, Floats]:
+        """Least and greatest counter of each motor, offset included, for joints from `low` to `high`. Shapes (n,)."""
+        with np.errstate(all="ignore"):  # a file's numbers may be absurd
+            counts_per_joint = self.coupling / self.rad_per_count[:, None]
+            ends = np.array([counts_per_joint * (low - self.q_offset), counts_per_joint * (high - self.q_offset)])
+            return ends.min(0).sum(1) + self.count_offset, ends.max(0).sum(1) + self.count_offset
 
 
 class Links(Section):
@@ -300,6 +308,7 @@ def _disagreements(robot: Robot) -> Iterator[str]:
         yield "guard.tau_max exceeds what the DAC can ask for"
     if (robot.guard.a_stop > robot.limits.a_max).any():
         yield "guard.a_stop exceeds limits.a_max"
+    yield from _beyond_the_counters(robot)
     for capsule in robot.shape.capsules if robot.shape else ():
         if capsule.link > robot.n:
             yield f"shape.capsules: {capsule.name} is fixed to link {capsule.link}, and the last is {robot.n}"
@@ -307,6 +316,22 @@ def _disagreements(robot: Robot) -> Iterator[str]:
         yield 'geometry.family = "puma" needs the link twists and the zero offsets of a PUMA (modified DH)'
     if robot.geometry.family == "stanford" and not _is_stanford(robot):
         yield 'geometry.family = "stanford" needs the link frames of a Stanford arm (modified DH) and a boom beyond 0'
+
+
+def _beyond_the_counters(robot: Robot) -> Iterator[str]:
+    """Joints for whose range a counter is too short: two positions would look the same, and a servo takes the wrong."""
+    margin, (first, last) = robot.guard.range_margin, COUNTER_RANGE
+    least, most = robot.transmission.counts_between(robot.limits.q_min - margin, robot.limits.q_max + margin)
+    for joint in np.flatnonzero(~((least >= first) & (most <= last))).tolist():
+        low, high = float(least[joint]), float(most[joint])
+        remedy = "fewer counts_per_rev (separate drives: more increments_per_count), or a shorter range"
+        if high - low <= last - first:
+            centred = int(robot.transmission.count_offset[joint]) - round((low + high) / 2.0)
+            remedy = f"another count_offset, such as {centred}"
+        yield (
+            f"transmission: the counter of joint {joint + 1} would go from {low:.0f} to {high:.0f} over limits and "
+            f"guard.range_margin, and ends at {first} and {last}: {remedy}"
+        )
 
 
 def closed_form_family(robot: Robot) -> Literal["puma", "stanford", "generic"]:

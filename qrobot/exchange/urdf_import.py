@@ -14,17 +14,22 @@ from typing import Any, Final
 
 import numpy as np
 
-from qrobot.arrays import Floats
+from qrobot.arrays import Bools, Floats, Ints
 from qrobot.config.document import check_document, read_document
 from qrobot.config.robot import (
+    COUNTER_RANGE,
     DAC_HALF_RANGE,
     NEEDED_POSES,
+    Guard,
     Joints,
+    Limits,
     Robot,
+    Transmission,
     closed_form_family,
     load_robot,
     robot_of,
 )
+from qrobot.config.values import JointKinds
 from qrobot.errors import ConfigError
 from qrobot.exchange.denavit_hartenberg import DenavitHartenberg, denavit_hartenberg
 from qrobot.exchange.robot_document import Document, robot_document
@@ -38,6 +43,9 @@ STANDARD_GRAVITY: Final = 9.81  # m/s2, as in the packaged robot files
 HALF_TURN: Final = np.pi
 _OFF: Final = 1e-9  # m, rad
 _DIGITS: Final = 12
+_BORROWED: Final = "[A] as on "
+_FARTHEST: Final = 1e9  # counts that an offset takes away
+_FILLED: Final = 0.95  # of a counter, by encoders made up [A]
 _SLANTED: Final = 1e-6  # kg m2: inertia off the axes below which nothing is said [A]
 
 
@@ -81,6 +89,7 @@ def import_urdf(path: Path, tip: str | None = None, like: str | None = None, bes
     document = _merged_document(told, like, beside)
     _fit_torque_limits(document, chain)
     _complete_poses(document, told.notes)
+    _fit_counters(document, told.notes)
     return Imported(_robot(document, path, like), document, tuple(told.notes))
 
 
@@ -233,7 +242,7 @@ def _borrowed(like: str, joints: Document) -> Document:
         raise ConfigError(f"{like} is not like it: its joints are {', '.join(robot.joints.kinds)}")
     document = robot_document(robot)
     for table in _sections(document):
-        table["source"] = dict.fromkeys(table["source"], f"[A] as on {robot.name}")
+        table["source"] = dict.fromkeys(table["source"], f"{_BORROWED}{robot.name}")
     del document["name"], document["geometry"]
     return document
 
@@ -287,6 +296,53 @@ def _complete_poses(document: Document, notes: list[str]) -> None:
             poses[name] = middle
             poses.setdefault("source", {})[name] = "[A] zero, or the end of the range that is nearest to it"
             notes.append(f"pose {name} is made up: give it a better one")
+
+
+def _fit_counters(document: Document, notes: list[str]) -> None:
+    """Encoders of another arm that count too far for this one's range count more coarsely, or from another zero.
+
+    A file that is damaged is left as it is: whoever checks the whole of it says what is wrong.
+    """
+    try:
+        limits, guard, transmission = _counted(document)
+    except (ConfigError, KeyError):
+        return
+    low, high = limits.q_min - guard.range_margin, limits.q_max + guard.range_margin
+    table, (first, last) = document["transmission"], COUNTER_RANGE
+    least, most = transmission.counts_between(low, high)
+    outside = ~((least >= first) & (most <= last))
+    long = most - least > last - first
+    if long.any() and _is_borrowed(table, "counts_per_rev"):
+        share = np.where(long, _FILLED * (last - first) / (most - least), 1.0)
+        counts_per_rev = np.maximum((transmission.counts_per_rev * share).astype(np.int64), 1)
+        transmission = transmission.model_copy(update={"counts_per_rev": counts_per_rev})
+        _make_up(table, "counts_per_rev", counts_per_rev, long, notes)
+        least, most = transmission.counts_between(low, high)
+    outside &= most - least <= last - first
+    if outside.any() and _is_borrowed(table, "count_offset"):
+        middle = np.where(outside, np.clip((least + most) / 2.0, -_FARTHEST, _FARTHEST), 0.0)
+        _make_up(table, "count_offset", transmission.count_offset - np.round(middle).astype(np.int64), outside, notes)
+
+
+def _counted(document: Document) -> tuple[Limits, Guard, Transmission]:
+    """The sections that say how far counters go. Raises ConfigError or KeyError."""
+    kinds = JointKinds(check_document(Joints, document["joints"], "joints").prismatic)
+    return (
+        check_document(Limits, document["limits"], "limits", kinds),
+        check_document(Guard, document["guard"], "guard", kinds),
+        check_document(Transmission, document["transmission"], "transmission", kinds),
+    )
+
+
+def _is_borrowed(table: Document, key: str) -> bool:
+    return str(table["source"][key]).startswith(_BORROWED)
+
+
+def _make_up(table: Document, key: str, values: Ints, where: Bools, notes: list[str]) -> None:
+    """Put values of our own into the transmission, and say so."""
+    table[key], joints = values.tolist(), ", ".join(str(joint + 1) for joint in np.flatnonzero(where))
+    table["source"][key] = f"[A] so that the range fits a 16-bit counter, on joint {joints}"
+    notes.append(f"{key} of joint {joints} is made up, for its range to fit a 16-bit counter: give that of its encoder")
 
 
 def _outside(pose: Floats | None, low: Floats, high: Floats) -> bool:

@@ -9,12 +9,15 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from qrobot.config import Robot, load_robot, robot_path
 from qrobot.config.document import read_document
 from qrobot.config.robot import robot_of
 from qrobot.errors import ConfigError
+from qrobot.model.transmission import joint_to_counts, transmission_params
 
 PUMA = tomllib.loads(robot_path("puma560").read_text())
 
@@ -157,6 +160,14 @@ def test_a_value_without_a_source_is_refused_in_every_section(document: Any, pat
         ("transmission", "count_sign", [1, 1, 2, 1, 1, 1], "1 or -1"),
         ("transmission", "counts_per_rev", [1000.5, 1, 1, 1, 1, 1], "whole numbers"),
         ("transmission", "dac_per_Nm", [0, 1, 1, 1, 1, 1], "zero"),
+        ("transmission", "counts_per_rev", [4096, 800, 1000, 1000, 1000, 500], "fewer counts_per_rev"),
+        ("transmission", "count_offset", [0] * 6, "counter of joint 4 would go from -36027 to 23354"),
+        ("transmission", "gear", [1e300, 107.8, 53.7, 76.0, 71.9, 76.7], "the counter of joint 1 "),
+        ("transmission", "pot_per_rev", [-150.1] * 5, "6 numbers"),
+        ("transmission", "pot_per_rev", "150", "a finite number, or 6 numbers"),
+        ("transmission", "pot_per_rev", True, "a finite number, or 6 numbers"),
+        ("transmission", "pot_per_rev", float("nan"), "a finite number, or 6 numbers"),
+        ("limits", "q_max_deg", [1e308] * 6, "the counter of joint 1 "),
         ("transmission", "coupling", {"k44": 0.1}, "k44"),
         ("transmission", "coupling", {"k78": 0.1}, "k78"),
         ("transmission", "coupling", {"k45": 1.0, "k54": 1.0}, "cannot be inverted"),
@@ -177,6 +188,32 @@ def test_what_cannot_be_is_refused(document: Any, section: str, key: str, value:
     document[section][key] = value
     [mistake] = mistakes(document)
     assert says in mistake
+
+
+def test_the_offset_that_a_counter_is_advised_makes_the_file_whole(document: dict[str, Any]) -> None:
+    document["transmission"]["count_offset"] = [0] * 6
+    [mistake] = mistakes(document)
+    document["transmission"]["count_offset"][3] = int(mistake.rsplit(" ", 1)[1])
+    robot_of(document, "x.toml")
+
+
+@given(st.integers(0, 2**32 - 1))
+def test_counters_of_positions_in_range_lie_between_the_ends_told(seed: int) -> None:
+    robot = load_robot("puma560")
+    params, counts = transmission_params(robot), np.zeros(6, np.int64)
+    least, most = robot.transmission.counts_between(robot.limits.q_min, robot.limits.q_max)
+    q = np.random.default_rng(seed).uniform(robot.limits.q_min, robot.limits.q_max)
+    joint_to_counts(q, params, counts)
+    assert (least - 1 <= counts).all()
+    assert (counts <= most + 1).all()
+
+
+def test_potentiometers_that_rise_in_different_ways_have_a_number_each(document: dict[str, Any]) -> None:
+    assert load_robot("puma560").transmission.pots_per_rev.tolist() == [-150.1] * 6
+    document["transmission"]["pot_per_rev"] = [150.1, *[-150.1] * 5]
+    robot = robot_of(document, "x.toml")
+    assert robot.transmission.pots_per_rev.tolist() == [150.1, *[-150.1] * 5]
+    assert transmission_params(robot).pot_per_count[:2].tolist() == [150.1 / 1000, -150.1 / 800]
 
 
 def test_a_pose_may_not_be_missing(document: dict[str, Any]) -> None:

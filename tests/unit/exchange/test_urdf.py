@@ -164,7 +164,7 @@ def test_rows_of_an_arm_with_axes_anywhere_move_its_tip_as_another_reader_does(s
 def drives(n: int) -> str:
     """What a URDF does not tell, for n joints."""
     document = robot_document(load_robot("puma560"))
-    document["transmission"]["coupling"] = {}
+    document["transmission"] |= {"coupling": {}, "q_offset_deg": [0] * 6, "count_offset": [0] * 6}
     wanted = {"transmission": (), "control": (), "guard": (), "board": (), "limits": ("a_max",)}
     lines = []
     for section, keys in wanted.items():
@@ -193,6 +193,48 @@ def test_an_imported_arm_weighs_on_its_joints_what_another_reader_says(seed: int
     model, data = mujoco_of(urdf)
     for q in np.random.default_rng(seed).uniform(-2, 2, (5, n)):
         assert np.allclose(gravity(robot, q), gravity_of(model, data, q), atol=1e-7)
+
+
+def far_turning(tmp_path: Path) -> Path:
+    """An arm whose joints turn two turns each."""
+    path = tmp_path / "arm.urdf"
+    text = re.sub(r'lower="[^"]*"', 'lower="-6.2832"', urdf_text(load_robot("puma560")))
+    path.write_text(re.sub(r'upper="[^"]*"', 'upper="6.2832"', text))
+    return path
+
+
+def test_borrowed_encoders_are_made_coarse_enough_for_the_range_and_that_is_told(tmp_path: Path) -> None:
+    path, like = far_turning(tmp_path), load_robot("puma560")
+    made = import_urdf(path, like="puma560")
+    write_robot(tmp_path / "arm.toml", made.document)
+    robot = load_robot(tmp_path / "arm.toml")
+    least, most = robot.transmission.counts_between(robot.limits.q_min, robot.limits.q_max)
+    assert (least > -32768).all()
+    assert (most < 32767).all()
+    assert (robot.transmission.counts_per_rev < like.transmission.counts_per_rev).all()
+    assert any("counts_per_rev of joint 1, 2, 3, 4, 5, 6 is made up" in note for note in made.notes)
+
+
+def test_a_borrowed_offset_gives_way_to_the_range(tmp_path: Path) -> None:
+    path, sections = tmp_path / "arm.urdf", tmp_path / "ranges.toml"
+    path.write_text(urdf_text(load_robot("puma560")))
+    wanted = "q_min_deg = [-160, -223, -40, -200, -100, -266]\nq_max_deg = [160, 43, 240, 60, 100, 266]\n"
+    sections.write_text(f'[limits]\n{wanted}[limits.source]\nq_min_deg = "t"\nq_max_deg = "t"\n')
+    made = import_urdf(path, like="puma560", beside=sections)
+    like = load_robot("puma560").transmission
+    assert (made.robot.transmission.counts_per_rev == like.counts_per_rev).all()
+    assert (made.robot.transmission.count_offset != like.count_offset).tolist() == [False] * 3 + [True] + [False] * 2
+    assert any("count_offset of joint 4 is made up" in note for note in made.notes)
+
+
+def test_encoders_that_somebody_told_are_not_changed_but_refused(tmp_path: Path) -> None:
+    sections = tmp_path / "drives.toml"
+    sections.write_text(
+        "[transmission]\ncounts_per_rev = [1000, 1000, 1000, 1000, 1000, 1000]\n"
+        '[transmission.source]\ncounts_per_rev = "data sheet"\n'
+    )
+    with pytest.raises(ConfigError, match=r"counter of joint 1 would go from -.*: fewer counts_per_rev"):
+        import_urdf(far_turning(tmp_path), like="puma560", beside=sections)
 
 
 def test_what_a_urdf_does_not_tell_is_asked_for_by_name(tmp_path: Path) -> None:
