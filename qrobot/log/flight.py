@@ -96,15 +96,17 @@ class FlightRecorder:
             attachments = [Attachment(ATTACHMENT, data, "application/json"), *self._attachments]
             header, looks = self._header_of(mailbox.info), (self._robot, self._tool_m, self._fences)
             write_log(path, rows, header, attachments, None, _laws(mailbox), *looks)
-            self._thin_out()
+            self._thin_out(path)
         except (QRobotError, OSError) as error:
             self._report(f"the cycles around {code} are not saved: {error}")
         else:
             self._report(f"the {np.ptp(rows['t_ns']) * 1e-9:.1f} s around {code} are saved: `qrobot log info {path}`")
 
-    def _thin_out(self) -> None:
-        files = sorted(self._folder.glob(f"{self._arm}-*.mcap"), key=lambda path: path.stat().st_mtime_ns)
-        for old in files[: -self._keep]:
+    def _thin_out(self, newest: Path) -> None:
+        """Remove the oldest files. The one just written stays: by the clock, which may be set back, it may be old."""
+        others = [path for path in self._folder.glob(f"{self._arm}-*.mcap") if path != newest]
+        others.sort(key=lambda path: path.stat().st_mtime_ns)
+        for old in others[: max(0, len(others) + 1 - self._keep)]:
             old.unlink()
 
 

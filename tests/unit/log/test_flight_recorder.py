@@ -128,6 +128,21 @@ def test_the_newest_files_are_kept(tmp_path: Path) -> None:
     assert files(tmp_path) == sorted(kept[-2:])
 
 
+@pytest.mark.parametrize("keep", [1, 2])
+def test_a_file_is_kept_when_those_before_it_are_from_a_clock_that_was_ahead(tmp_path: Path, keep: int) -> None:
+    servo = Servo(tmp_path, keep=keep)
+    for hour in (1, 2):
+        servo.happen()
+        servo.run(0.6)
+        newest = min(files(tmp_path), key=lambda path: path.stat().st_mtime_ns)
+        os.utime(newest, (4e9 + hour, 4e9 + hour))
+    servo.happen()
+    servo.run(0.6)
+    path = Path(servo.said[-1].split("`")[1].removeprefix("qrobot log info "))
+    assert path.exists()
+    assert len(files(tmp_path)) == keep
+
+
 def test_a_servo_that_ends_saves_what_there_is(tmp_path: Path) -> None:
     servo = Servo(tmp_path)
     servo.run(0.3)
