@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import csv
+import io
+from collections.abc import Iterable
 from typing import Final
 
 REPLACEMENT: Final = "?"
@@ -14,3 +17,10 @@ _CONTROLS: Final = {code: REPLACEMENT for first, last in CONTROL_RANGES for code
 def printable(text: str) -> str:
     """`text` in one line, each control character replaced by a question mark."""
     return text.translate(_CONTROLS)
+
+
+def csv_line(cells: Iterable[str]) -> str:
+    """One line of CSV, without its end; cells with a comma or a quote are quoted (RFC 4180)."""
+    line = io.StringIO()
+    csv.writer(line, lineterminator="").writerow(cells)
+    return line.getvalue()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import os
 import tempfile
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
 
@@ -17,34 +18,44 @@ def replace_file(path: Path, text: str, encoding: str = "utf-8") -> None:
 
 
 def replace_bytes(path: Path, content: bytes) -> None:
-    """Write `content`. A link goes on pointing to its file, and a file keeps its rights.
+    """Write `content`. See `written_whole`."""
+    with written_whole(path) as place:
+        place.write_bytes(content)
 
-    What is no file, such as a terminal, is written to. Raises OSError; the old content is there still.
+
+@contextlib.contextmanager
+def written_whole(path: Path, ending: str = "") -> Iterator[Path]:
+    """A file to write to, which takes the place of `path` when the block ends; when that fails, `path` is as it was.
+
+    A link goes on pointing to its file, and a file keeps its rights. What is no file, such as a terminal, is written to
+    itself. Raises OSError.
+
+    Args:
+        ending: of the file's name meanwhile, for writers that choose their form by it.
     """
     target = path.resolve()
     if target.exists() and not target.is_file():
-        with target.open("wb") as device:
-            device.write(content)
+        yield target
         return
     rights = target.stat().st_mode & 0o777 if target.exists() else NEW_FILE
-    handle, name = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name[:100]}.")
+    handle, name = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name[:100]}.", suffix=ending)
+    os.close(handle)
+    place = Path(name)
     try:
-        with os.fdopen(handle, "wb") as file:
-            file.write(content)
-            file.flush()
-            os.fsync(file.fileno())
-        Path(name).chmod(rights)
-        Path(name).replace(target)
-        _sync_folder(target.parent)
+        yield place
+        _sync(place)
+        place.chmod(rights)
+        place.replace(target)
+        _sync(target.parent)
     except BaseException:
         with contextlib.suppress(OSError):
-            Path(name).unlink()
+            place.unlink()
         raise
 
 
-def _sync_folder(folder: Path) -> None:
-    """Make the new name last through a loss of supply."""
-    handle = os.open(folder, os.O_RDONLY)
+def _sync(path: Path) -> None:
+    """Make the content of a file, or the names in a folder, last through a loss of supply."""
+    handle = os.open(path, os.O_RDONLY)
     try:
         os.fsync(handle)
     finally:

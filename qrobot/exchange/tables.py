@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from qrobot.config.robot import Robot
+from qrobot.printable import csv_line
 from qrobot.units import DEG_PER_RAD
 
 COLUMNS = ("joint", "kind", "alpha_deg", "a_m", "theta_deg", "d_m", "q_min", "q_max", "unit")
@@ -36,4 +37,4 @@ def csv_text(robot: Robot) -> str:
         "# q adds to theta of a revolute joint, to d of a prismatic one",
         f"# base_height_m {g.base_height_m:g}, flange_m {g.flange_m:g} along the last z, gravity_m_s2 {gravity}",
     ]
-    return "\n".join([*head, *(",".join(row) for row in (COLUMNS, *table_rows(robot))), ""])
+    return "\n".join([*head, *(csv_line(row) for row in (COLUMNS, *table_rows(robot))), ""])

@@ -20,6 +20,7 @@ from qrobot.ident.figures import predicted_figure, residual, residuals_figure, s
 from qrobot.ident.friction import FRICTION_NAMES, REMAINDER_NAMES
 from qrobot.ident.model import Identified, rms_by_motor
 from qrobot.ident.regressor import known_parameters
+from qrobot.whole_file import replace_bytes, replace_file
 
 DPI: Final = 110
 _PAGE: Final = """<!DOCTYPE html>
@@ -59,9 +60,9 @@ def write_report(
     page = report_page(found, model, previous, list(pictures.values()))
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(page, encoding="utf-8")
         for file, picture in pictures.items():
-            file.write_bytes(picture)
+            replace_bytes(file, picture)
+        replace_file(path, page)
     except OSError as error:
         raise IdentificationError(f"cannot write the report to {path}: {error.strerror}") from error
     return [path, *pictures]

@@ -30,6 +30,7 @@ from qrobot.log.fences_of_log import fences_of_log
 from qrobot.log.plot import COLOURS, DASHES, STYLE, thin
 from qrobot.log.read import Log
 from qrobot.modecodes import Mode
+from qrobot.whole_file import written_whole
 
 GHOST_COLOUR: Final = (0.85, 0.45, 0.10)
 WAY_COLOUR: Final = "#D55E00"
@@ -133,7 +134,8 @@ def write_film(
         stage = make_stage()
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
-            with writer.saving(stage.figure, str(path), film.width / stage.figure.get_figwidth()):
+            dpi = film.width / stage.figure.get_figwidth()
+            with written_whole(path, path.suffix) as place, writer.saving(stage.figure, str(place), dpi):
                 for number, row in enumerate(rows):
                     stage.show(int(row))
                     writer.grab_frame()

@@ -9,9 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from qrobot.config.scene import FORCE_AXES
-from qrobot.errors import LogError
+from qrobot.errors import LogError, error_text
 from qrobot.log.read import Log
+from qrobot.printable import csv_line
 from qrobot.servo.memory.telemetry import ADDED, ARRAYS, COUNTERS, FACTORS, LINES, SCALARS, TERMS, VECTORS
+from qrobot.whole_file import written_whole
 
 ANGULAR_UNITS: Final = {
     "q_ref": "rad", "v_ref": "rad_s", "a_ref": "rad_s2", "q": "rad", "v": "rad_s", "tau": "Nm", "gravity": "Nm",
@@ -60,8 +62,8 @@ def export_csv(log: Log, path: Path) -> None:
     """Write a CSV file; numbers keep every bit. Raises LogError when the file cannot be written."""
     columns = table_columns(log)
     try:
-        with path.open("w", encoding="utf-8", newline="\n") as file:
-            file.write(",".join(columns) + "\n")
+        with written_whole(path) as place, place.open("w", encoding="utf-8", newline="\n") as file:
+            file.write(csv_line(columns) + "\n")
             for start in range(0, log.rows.size, _CSV_ROWS):
                 block = [column[start : start + _CSV_ROWS].tolist() for column in columns.values()]
                 file.writelines(",".join(map(repr, row)) + "\n" for row in zip(*block, strict=True))
@@ -82,9 +84,10 @@ def export_parquet(log: Log, path: Path) -> None:
     columns = {name: np.ascontiguousarray(column) for name, column in table_columns(log).items()}
     floats = [name for name, column in columns.items() if column.dtype.kind == "f"]
     try:
-        pq.write_table(
-            pa.table(columns), path, compression="zstd", use_dictionary=False,
-            column_encoding=None, use_byte_stream_split=floats,
-        )  # fmt: skip
+        with written_whole(path) as place:
+            pq.write_table(
+                pa.table(columns), place, compression="zstd", use_dictionary=False,
+                column_encoding=None, use_byte_stream_split=floats,
+            )  # fmt: skip
     except OSError as error:
-        raise LogError(f"cannot write {path}: {error}") from None
+        raise LogError(f"cannot write {path}: {error_text(error)}") from None

@@ -19,6 +19,7 @@ from qrobot.config.scene import FORCE_AXES
 from qrobot.errors import LogError
 from qrobot.log.events import LogEvent, log_events
 from qrobot.log.read import Log
+from qrobot.whole_file import written_whole
 
 # Okabe and Ito's colours, told apart by colour-blind readers too; more joints than colours get another dash.
 COLOURS: Final = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
@@ -138,7 +139,8 @@ def save_figure(figure: Figure, path: Path) -> None:
     """Write a figure in the format of the file's suffix. Raises LogError when that fails."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        figure.savefig(path, dpi=DPI)
+        with written_whole(path) as place:
+            figure.savefig(place, dpi=DPI, format=path.suffix[1:] or "png")
     except OSError as error:
         raise LogError(f"cannot write {path}: {error.strerror}") from None
     except ValueError as error:  # an unknown suffix
@@ -217,14 +219,18 @@ def _mark(axes: Axes, events: Sequence[LogEvent]) -> None:
 
 
 def thin(time_s: NDArray[np.float64], values: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
-    """The line through the smallest and largest value of each stretch: no peak is lost, however long the log."""
+    """The line through the smallest and largest value of each stretch: no peak is lost, however long the log.
+
+    NaN is left out where a stretch has other values.
+    """
     stretch = 2 * -(-values.size // MAX_POINTS)
     if stretch <= 2:
         return time_s, values
     usable = values.size // stretch * stretch
     blocks = values[:usable].reshape(-1, stretch)
+    low, high = (np.where(np.isnan(blocks), beyond, blocks) for beyond in (np.inf, -np.inf))
     starts = np.arange(0, usable, stretch)
-    picks = np.sort(np.stack([starts + blocks.argmin(axis=1), starts + blocks.argmax(axis=1)], axis=1), axis=1)
+    picks = np.sort(np.stack([starts + low.argmin(axis=1), starts + high.argmax(axis=1)], axis=1), axis=1)
     index = np.concatenate([picks.ravel(), np.arange(usable, values.size)])
     return time_s[index], values[index]
 

@@ -166,7 +166,7 @@ class LogWindows:
     def _note_place(self, at: int, blocks: Sequence[Rows]) -> None:
         rows = self.header.layout.complete(np.concatenate(blocks))
         values = quantities_of(rows)
-        ranges = (values.min(axis=0), values.max(axis=0), values[0])
+        ranges = (np.fmin.reduce(values), np.fmax.reduce(values), values[0])  # NaN hides nothing
         begin_s = float(self._time_s(rows[:1])[0])
         self._chunks.append(_ChunkPlace(len(self._parts) - 1, at, rows.size, begin_s, *ranges))
 
@@ -198,5 +198,5 @@ def thinned(curves: Curves, begin_s: float, end_s: float, points: int) -> Curves
         return curves
     starts = np.unique(np.searchsorted(curves.t_s, np.linspace(begin_s, end_s, points + 1)[:-1]))
     starts = starts[starts < curves.t_s.size]
-    low, high = np.minimum.reduceat(curves.low, starts), np.maximum.reduceat(curves.high, starts)
+    low, high = np.fmin.reduceat(curves.low, starts), np.fmax.reduceat(curves.high, starts)
     return Curves(curves.t_s[starts], low, high, curves.first[starts])

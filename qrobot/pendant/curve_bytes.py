@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from qrobot.arrays import Floats
 from qrobot.log.windows import Curves
+from qrobot.printable import csv_line
 from qrobot.servo.modes import mode_name
 
 CSV_NAMES: Final = ("q_ref", "q", "v", "tau")  # of every joint
@@ -23,7 +24,7 @@ def curve_bytes(curves: Curves) -> bytes:
 
 def cycles_csv(joints: Sequence[str], t_s: Floats, values: Floats, modes: NDArray[Any], faults: NDArray[Any]) -> bytes:
     """Every number of m cycles: `values` has shape (m, 4n), in the order of CSV_NAMES, the others (m,). SI units."""
-    lines = [",".join(["t_s", *(f"{name}_{joint}" for name in CSV_NAMES for joint in joints), "mode", "fault"])]
+    lines = [csv_line(["t_s", *(f"{name}_{joint}" for name in CSV_NAMES for joint in joints), "mode", "fault"])]
     for instant, row, mode, fault in zip(t_s.tolist(), values.tolist(), modes.tolist(), faults.tolist(), strict=True):
         lines.append(",".join([repr(instant), *map(repr, row), mode_name(mode), str(fault)]))
     return ("\n".join(lines) + "\n").encode()

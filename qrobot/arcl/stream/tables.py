@@ -24,6 +24,7 @@ from qrobot.errors import ConfigError
 from qrobot.model.orientation import euler_angles, oat_angles, rpy_angles
 from qrobot.model.transform import quaternion, so3_log
 from qrobot.units import DEG_PER_RAD, MM_PER_M
+from qrobot.whole_file import written_whole
 
 TrajectoryTable = dict[str, Floats]
 """Columns by name, each of shape (rows,)."""
@@ -90,7 +91,7 @@ def write_table(table: TrajectoryTable, path: Path) -> None:
     if path.suffix == ".parquet":
         _pyarrow()  # before what is there is overwritten
     try:
-        with path.open("wb") as file:
+        with written_whole(path) as place, place.open("wb") as file:
             _FORMS[path.suffix](table, file)
     except OSError as error:
         raise ConfigError(f"cannot write {path}: {error.strerror}") from error

@@ -71,6 +71,20 @@ def test_every_picture_is_there_and_the_arm_moves(log: Log, tmp_path: Path) -> N
         assert (np.abs(before - after)[:, :200] > 60).sum() > 100
 
 
+def test_a_film_that_is_broken_off_leaves_the_one_before(log: Log, tmp_path: Path) -> None:
+    path, film = tmp_path / "run.gif", Film(frames_hz=2, width=320)
+    path.write_bytes(b"the film before")
+
+    def interrupt(done: int, of: int) -> None:
+        if done == of - 1:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        write_animation(log, path, film, interrupt)
+    assert path.read_bytes() == b"the film before"
+    assert list(tmp_path.iterdir()) == [path]
+
+
 @pytest.mark.parametrize("name", ["puma560", "stanford"])
 def test_the_arm_stands_where_forward_kinematics_puts_it(name: str) -> None:
     robot = load_robot(name)

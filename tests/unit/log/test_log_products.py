@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import math
+import os
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -14,7 +15,7 @@ import pytest
 
 from qrobot.errors import LogError
 from qrobot.log.export import export_csv, export_parquet, table_columns
-from qrobot.log.plot import FIGURES, MAX_POINTS, errors_figure, positions_figure, save_figure
+from qrobot.log.plot import FIGURES, MAX_POINTS, errors_figure, positions_figure, save_figure, thin
 from qrobot.log.read import Log
 from qrobot.log.status import LogStatus
 from qrobot.log.summary import tracking_summary
@@ -108,6 +109,16 @@ def test_csv_keeps_every_bit_under_names_with_units(tmp_path: Path) -> None:
         assert int(record["counts_joint2"]) == log.rows["counts"][k, 1]
 
 
+def test_names_of_joints_with_commas_and_quotes_stay_columns_of_their_own(tmp_path: Path) -> None:
+    log = make_log(3, 2)
+    log = replace(log, header=replace(log.header, joint_names=("arm, left", 'the "wrist"')))
+    export_csv(log, tmp_path / "run.csv")
+    with (tmp_path / "run.csv").open(newline="") as file:
+        table = list(csv.DictReader(file))
+    assert list(table[0]) == list(table_columns(log))
+    assert float(table[2]['tau_the "wrist"_Nm']) == log.rows["tau"][2, 1]
+
+
 @pytest.mark.parametrize("n", [1, 6, 9])
 def test_a_table_has_one_column_per_number_of_a_row(n: int) -> None:
     log = make_log(3, n)
@@ -138,6 +149,31 @@ def test_a_table_that_cannot_be_written_is_a_log_error(export: object, tmp_path:
     assert callable(export)
     with pytest.raises(LogError, match="cannot write"):
         export(make_log(3), tmp_path / "absent" / "run")
+
+
+@pytest.mark.parametrize("form", ["csv", "parquet", "png"])
+def test_a_table_or_figure_that_is_broken_off_leaves_the_one_before(
+    form: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if form == "parquet":
+        pytest.importorskip("pyarrow", reason="Parquet export is an extra")
+    path, log = tmp_path / f"run.{form}", make_log(30)
+    write = {
+        "csv": lambda: export_csv(log, path),
+        "parquet": lambda: export_parquet(log, path),
+        "png": lambda: save_figure(FIGURES["torques"](log), path),
+    }[form]
+    write()
+    before = path.read_bytes()
+
+    def interrupted(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(os, "fsync", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        write()
+    assert path.read_bytes() == before
+    assert os.listdir(tmp_path) == [path.name]
 
 
 @pytest.mark.parametrize("name", list(FIGURES))
@@ -182,3 +218,14 @@ def test_no_peak_is_lost_in_a_long_log() -> None:
 def test_a_figure_in_an_unknown_format_is_a_log_error(tmp_path: Path) -> None:
     with pytest.raises(LogError, match="cannot write"):
         save_figure(positions_figure(make_log(3)), tmp_path / "x.abc")
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_what_is_not_known_hides_no_peak_beside_it_from_a_figure(sign: float) -> None:
+    values = np.zeros(10 * MAX_POINTS)
+    values[1234], values[[1230, 1237]] = sign * 50.0, np.nan
+    values[40_000:50_000] = np.nan
+    _, line = thin(np.arange(values.size, dtype=np.float64), values)
+    assert line.size <= MAX_POINTS
+    assert sign * 50.0 in line
+    assert np.isnan(line).sum() == pytest.approx(MAX_POINTS / 6, abs=2)

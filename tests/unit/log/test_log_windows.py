@@ -68,6 +68,19 @@ def test_the_extremes_of_a_long_window_are_none_but_those_of_its_rows(
         np.testing.assert_array_equal(curves.first[k], values[begin])
 
 
+@pytest.mark.parametrize("exact_rows", [windows.EXACT_ROWS, 1000])
+def test_what_is_not_known_hides_no_peak_beside_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, exact_rows: int
+) -> None:
+    monkeypatch.setattr(windows, "EXACT_ROWS", exact_rows)
+    rows = make_rows(N_ROWS, N)
+    rows["tau"][10_000, 0], rows["tau"][10_003, 0] = 50.0, np.nan
+    write_log(tmp_path / "run.mcap", rows, make_header(N))
+    curves = opened(tmp_path / "run.mcap").curves(0.0, 100.0, 300)
+    assert np.nanmax(curves.high[:, 4 * N]) == 50.0
+    assert np.isfinite(curves.low).all()
+
+
 def test_a_short_window_has_every_row(path: Path) -> None:
     curves = opened(path).curves(5.0, 5.02, 300)
     np.testing.assert_allclose(curves.t_s, 5.0 + PERIOD_S * np.arange(81), atol=1e-9)
