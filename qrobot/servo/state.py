@@ -125,6 +125,8 @@ class ServoState:
     power_seen: int = 0  # level of the power request at the last tick
     clears_seen: int = 0
     stops_seen: int = 0
+    resumes_seen: int = 0
+    resumed_until_ns: int = 0  # until then programs are told of a pause, whose end they have to hear
     powering_since_ns: int = 0
     clear_until_ns: int = 0
     after_stop: int = 0  # mode that follows STOPPING

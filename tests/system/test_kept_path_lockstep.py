@@ -27,17 +27,20 @@ def test_after_a_stop_and_after_a_fault_the_operator_leads_the_arm_back_and_the_
     with rccl.use(lambda hello: link_factory(rig, 28_000, hello)), rccl.control(ROBOT.name) as arm:
 
         def again(seconds: float) -> None:
-            """Wait, see that nothing moves, and confirm, as `qrobot ctl pause` and `resume` do."""
+            """Wait, and confirm, as `qrobot ctl resume` does, which somebody else's pause holds up for a while."""
             arm.waitas(lambda: arm.kept)
             begin = arm.time
             arm.waitas(lambda: arm.time > begin + 1e3 * seconds)
-            rig.mailbox.request_pause(True)
+            rig.mailbox.request_resume()
             stands = arm.joints
-            arm.waitas(lambda: arm.time > begin + 1e3 * seconds + 300.0)
+            arm.waitas(lambda: arm.time > begin + 1e3 * seconds + 100.0)
+            rig.mailbox.request_pause(True)
+            arm.waitas(lambda: arm.time > begin + 1e3 * seconds + 900.0)
+            assert arm.kept
             assert arm.joints == pytest.approx(stands, abs=0.01)
             assert rig.mailbox.path_waits(rig.mailbox.snapshot().t_ns)  # what `qrobot ctl status` tells
             stopped.append(arm.joints[0])
-            rig.mailbox.request_pause(False)
+            rig.mailbox.request_resume()
             arm.waitas(lambda: not arm.kept)
             arm.waitas(lambda: not rig.mailbox.path_waits(rig.mailbox.snapshot().t_ns))
 
@@ -47,6 +50,11 @@ def test_after_a_stop_and_after_a_fault_the_operator_leads_the_arm_back_and_the_
         arm.waitas(lambda: arm.time > 600)
         rig.mailbox.request_stop()
         again(0.5)
+        arm.waitas(lambda: arm.rate > 0.5)
+        rig.mailbox.request_stop()
+        arm.waitas(lambda: arm.kept)
+        rig.mailbox.request_resume()  # alone, where there is no pause
+        arm.waitas(lambda: not arm.kept)
         arm.waitas(lambda: arm.rate > 0.5)
         rig.board.panel.estop = 1
         arm.waitas(lambda: arm.how.mode == Mode.FAULT)

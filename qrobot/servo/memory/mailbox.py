@@ -103,6 +103,13 @@ class ServoMailbox:
         """Ask for motions to stand still on their path, or to go on."""
         self.memory.command.paused = int(paused)
 
+    def request_resume(self) -> None:
+        """End the pause; where there is none let programs hear of one that ends, see `servo.stages.override`."""
+        command = self.memory.command
+        if command.paused == 0:
+            command.resumes += 1
+        command.paused = 0
+
     def tell_path_waits(self, t_ns: int) -> None:
         """A program waits to be led back to its path, as it said at `t_ns` of the servo's clock; 0: it does not."""
         self.memory.command.path_waits_ns = t_ns

@@ -122,6 +122,7 @@ class CommandBlock:
     held_ns: int = word()  # when they last said that the key is held, on the servo's clock
     override: float = number()  # the operator's speed override, 1 for the speed as programmed
     paused: int = word()  # 1: the operator wants motions to stand still on their path
+    resumes: int = word()  # raised to let them go on, and an arm go back to its path, when `paused` was down already
     payloads: int = word()  # raised when another payload stands in the fields behind
     payload_mass: float = number()  # kg
     payload_centre: Floats = floats(3)  # m, in the frame of the flange

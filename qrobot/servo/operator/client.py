@@ -46,7 +46,7 @@ COMPILE_PATIENCE_S: Final = 300.0  # with a law that has to be compiled, on a bu
 POWER_PATIENCE_S: Final = 6.0
 STOP_PATIENCE_S: Final = 6.0
 POLL_S: Final = 0.02
-NOTICED_S: Final = 0.25  # [A] within which every program has heard of a pause: two of the longest sample periods
+RESUMED_S: Final = 0.5  # [A] twice as long as a servo tells of a pause that ends
 POWERED_MODES: Final = ("HOLDING", "UNCALIBRATED", "CALIBRATING", "TRACKING")
 
 
@@ -136,13 +136,11 @@ class ServoClient:
     def resume(self) -> ServoStatus:
         """Let motions that were paused go on, and an arm that has left its path go back to it.
 
-        A program hears of it as of the end of a pause; while no setpoints are followed there is a short one first.
+        A program hears of it as of the end of a pause; while no setpoints are followed the servo tells of a short one.
+        The status waits for its end; it tells a pause that somebody else has asked for meanwhile.
         """
-        status = self.status()
-        if status.mode != "TRACKING" and not status.paused:
-            self.pause()
-            sleep_between_looks(NOTICED_S)
-        return self._ask(ResumeRequest())
+        self._ask(ResumeRequest())
+        return self._wait(lambda status: not status.paused, RESUMED_S)
 
     def clear(self) -> ServoStatus:
         """Leave FAULT for OFF. Raises QRobotError while its cause persists."""

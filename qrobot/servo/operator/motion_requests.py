@@ -23,9 +23,11 @@ def set_speed(mailbox: ServoMailbox, request: ChangeOverride | PauseRequest | Re
     if isinstance(request, ChangeOverride):
         mailbox.request_override(request.factor)
         return f"speed override {request.factor:.0%}"
-    paused = isinstance(request, PauseRequest)
-    mailbox.request_pause(paused)
-    return "motions paused" if paused else "motions resumed"
+    if isinstance(request, PauseRequest):
+        mailbox.request_pause(True)
+        return "motions paused"
+    mailbox.request_resume()
+    return "motions resumed"
 
 
 def set_payload(

@@ -6,8 +6,9 @@ import math
 
 import pytest
 
+from qrobot.modecodes import Mode
 from qrobot.rccl_bridge.mailbox_port import MailboxPort
-from tests.support.servo_bench import ServoBench
+from tests.support.servo_bench import ServoBench, moving
 
 
 def test_a_servo_starts_with_the_programmed_speed_and_tells_what_the_operator_wants() -> None:
@@ -23,6 +24,45 @@ def test_a_servo_starts_with_the_programmed_speed_and_tells_what_the_operator_wa
     bench.mailbox.request_pause(False)
     bench.run(0.05)
     assert (port.read_state().override, port.read_state().paused) == (0.3, False)
+
+
+def test_a_resume_is_told_as_the_end_of_a_short_pause_unless_setpoints_are_followed() -> None:
+    """A program that waits to be led back to its path hears no command, but sees a pause end."""
+    bench = ServoBench().hold()
+    paused = lambda: bench.mailbox.snapshot().paused  # noqa: E731
+    bench.mailbox.request_resume()
+    bench.run(0.2)
+    assert paused()  # at least two samples of the longest period begin within
+    bench.run(0.1)
+    assert not paused()
+    bench.mailbox.request_pause(True)
+    bench.run(0.5)
+    bench.mailbox.request_resume()
+    bench.run(0.01)
+    assert not paused()
+    moving(bench)
+    bench.mailbox.request_resume()
+    bench.run(0.01)
+    assert not paused()
+    bench.mailbox.request_stop()
+    bench.run(0.2)
+    assert bench.mode is not Mode.TRACKING
+    assert not paused()  # what was said while the arm moved is no word about where it was stopped
+
+
+def test_a_resume_does_not_undo_a_pause_that_somebody_asks_for_after_it() -> None:
+    bench = ServoBench().hold()
+    seen = []
+    bench.mailbox.request_resume()
+    bench.run(0.1)
+    bench.mailbox.request_pause(True)
+    for _ in range(50):
+        seen.append(bench.mailbox.snapshot().paused)
+        bench.run(0.01)
+    assert all(seen)  # nobody hears a pause that ends
+    bench.mailbox.request_resume()
+    bench.run(0.01)
+    assert not bench.mailbox.snapshot().paused
 
 
 @pytest.mark.parametrize("spoilt", [-0.1, 1.001, math.nan, math.inf])
