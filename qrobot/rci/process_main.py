@@ -87,10 +87,10 @@ class AuxiliaryProcessor:
     def _take_order(self, orders: Connection) -> bool:
         if not orders.poll(WATCH_S):
             return True
-        order, arguments = orders.recv()
+        number, order, arguments = orders.recv()
         if order == "end":
             return False
-        orders.send(_outcome(self._host, order, arguments))
+        orders.send((number, _outcome(self._host, order, arguments)))
         return True
 
     def _look_after(self) -> bool:

@@ -40,6 +40,7 @@ class ProcessProcessor:
         self._tds: dict[int, TaskDescriptor] = {}
         self._waiting: list[tuple[str, tuple[Any, ...]]] = []
         self._process: Any = None
+        self._asked = 0  # orders that were sent
         self._dead = ""  # why it can do nothing any more
 
     # --------------------------------------------------------------------------------------------------------- orders
@@ -59,12 +60,16 @@ class ProcessProcessor:
         elif self._dead:
             refuse_start(order, self._dead)
         else:
+            self._send_waiting()
             self._ask(order, arguments)
 
     def boot(self, image: ProcessorImage) -> None:
         """Start its process, once. Raises ConfigError when what it needs cannot be handed over."""
-        if self._process is not None:
-            return
+        if self._process is None:
+            self._start(image)
+            self._send_waiting()
+
+    def _start(self, image: ProcessorImage) -> None:
         check_portable("robots", (image.environment,))
         context = multiprocessing.get_context("spawn")  # a fork would share locks, threads and sockets
         self._orders, theirs = context.Pipe()
@@ -76,21 +81,35 @@ class ProcessProcessor:
         self._process = process  # from now on it is looked after
         theirs.close()
         told.close()
-        for order, arguments in self._waiting:
-            self._ask(order, arguments)
+
+    def _send_waiting(self) -> None:
+        """Give the orders that have waited for the process: after Ctrl-C at its start, those that are left."""
+        while self._waiting and not self._dead:
+            self._ask(*self._waiting.pop(0))
 
     def _ask(self, order: str, arguments: tuple[Any, ...]) -> None:
+        self._asked += 1
         try:
-            self._orders.send((order, arguments))
-            while not self._orders.poll(_LOOK_S):
-                if not self._process.is_alive():
-                    raise EOFError
-            error = self._orders.recv()
+            self._orders.send((self._asked, order, arguments))
+            error = self._answer(self._asked)
         except (EOFError, OSError):
             self._bury(f"processor {self.name} has died: {self._end_of_process()}")
             return
         if error is not None:
             raise error
+
+    def _answer(self, number: int) -> BaseException | None:
+        """Answer to the order of that number; one that nobody waits for any more, after Ctrl-C, is left out.
+
+        Raises EOFError, OSError: the process has died.
+        """
+        while True:
+            while not self._orders.poll(_LOOK_S):
+                if not self._process.is_alive():
+                    raise EOFError
+            answered, error = self._orders.recv()
+            if answered == number:
+                return error  # type: ignore[no-any-return]
 
     # ---------------------------------------------------------------------------------------------------- looking after
 
@@ -150,7 +169,7 @@ class ProcessProcessor:
 
 def _tell_end(orders: Connection) -> None:
     try:
-        orders.send(("end", ()))
+        orders.send((0, "end", ()))
     except OSError:
         return  # it has ended
 

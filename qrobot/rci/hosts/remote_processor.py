@@ -119,7 +119,13 @@ class RemoteProcessor:
         elif self._dead:
             refuse_start(order, self._dead)
         else:
+            self._send_waiting()
             self._carry_out(packet)
+
+    def _send_waiting(self) -> None:
+        """Give the orders that have waited for the host: after Ctrl-C at its start, those that are left."""
+        while self._waiting and not self._dead:
+            self._carry_out(self._waiting.pop(0))
 
     def _packet(self, order: str, arguments: tuple[Any, ...]) -> OrderPacket:
         """An order as it travels. Raises ConfigError for one that another host cannot carry out."""
@@ -166,8 +172,7 @@ class RemoteProcessor:
             raise error_of(reply.error, self._host.name)
         self._booted = True
         self._thread.start()
-        for packet in self._waiting:
-            self._carry_out(packet)
+        self._send_waiting()
 
     def _boot_packet(self, image: ProcessorImage) -> BootPacket:
         tasks = [_task_entry(record, self.name) for record in image.tasks]
