@@ -17,7 +17,7 @@ from qrobot.rci import Link
 from qrobot.rci.arm_settings import ArmSettings
 from qrobot.rci.sample_drivers import driver_for
 from qrobot.rci.sampled_task import SampleDriver
-from qrobot.wire import Signals
+from qrobot.wire import RobotState, Signals
 from qrobot.wire.codec import check_signal_names
 
 
@@ -74,7 +74,7 @@ class ArmSession:
         if self._make_driver is not None:
             return self._make_driver()
         lock = None if task.group is None else task.group.sampled
-        driver = driver_for(self._link, task, "rccl-trajectory", self._tell_names, lock, before)
+        driver = driver_for(self._link, task, "rccl-trajectory", self._tell_again, lock, before)
         task.timing.share = driver.share
         return driver
 
@@ -92,7 +92,7 @@ class ArmSession:
             self._driver.fail(error)
             raise
         self._task.begin(welcome.period_us * 1e-6, trace)
-        self._tell_names()
+        self._tell_again()
         self._driver = self._new_driver(self._driver)
         self._begin()
 
@@ -109,11 +109,11 @@ class ArmSession:
             numbers[self._signals.index(name)] = value
             self._task.chg.signals = tuple(numbers)
 
-    def _tell_names(self) -> None:
-        """Tell a bridge that was greeted anew the names of the program's signals, and what it wants of collisions."""
+    def _tell_again(self, now: RobotState | None = None) -> None:
+        """Tell a bridge that was greeted anew the names of the program's signals; see `ArmSettings.tell_again`."""
         if self._signals:
             self._link.tell(Signals(self._signals))
-        self.settings.tell_again()
+        self.settings.tell_again(now)
 
     def finish(self, look: Callable[[], object]) -> None:
         """Wait until all motions are done, calling `look` at each sample. Raises what `Channel.finish` raises."""

@@ -43,6 +43,7 @@ class ArmSettings:
         self._lock, self._wait, self._samples, self._how = lock, wait, samples, how
         self.accepted: Callable[[Collision], object] = lambda _: None
         self._collision: Collision | None = None
+        self._load: Payload | None = None
 
     def tell(self, packet: Payload | Collision | AnalogOutputs) -> None:
         """Have the servo take a setting, and wait until it does: a payload is carried in half a second.
@@ -64,11 +65,18 @@ class ArmSettings:
         if isinstance(packet, Collision):
             self._collision = packet
             self.accepted(packet)
+        elif isinstance(packet, Payload):
+            self._load = packet
 
-    def tell_again(self) -> None:
-        """Tell a bridge that was greeted anew what it has forgotten: how collisions are told."""
+    def tell_again(self, now: RobotState | None = None) -> None:
+        """Tell a bridge that was greeted anew what it has forgotten: how collisions are told.
+
+        And the payload, when a servo that shows itself in `now` carries nothing any more; None for the same servo.
+        """
         if self._collision is not None:
             self._link().tell(self._collision)
+        if now is not None and self._load is not None and load_is_lost(self._load, self._how(), now):
+            self._link().tell(self._load)
 
     def _wait_unless_refused(self, kind: type[Payload | Collision | AnalogOutputs], done: Callable[[], bool]) -> None:
         self._wait(lambda: bool(self._link().refusal(kind)) or done())
@@ -85,3 +93,11 @@ class ArmSettings:
         if passed_ns > ANSWER_NS:
             raise MotionError(f"{self._name} has not answered: it carries {how.payload_mass:g} kg still")
         return False
+
+
+def load_is_lost(load: Payload, before: RobotState | None, now: RobotState) -> bool:
+    """Whether `load` was in force before a servo, or the way to it, was away, and a new one carries nothing `now`.
+
+    A payload that somebody else has told since stays.
+    """
+    return before is not None and before.payload_mass == load.mass > 0.0 and now.payload_mass == 0.0

@@ -13,13 +13,14 @@ from qrobot.rci.link import Link
 from qrobot.rci.sampled_task import SampleDriver, SampledTask
 from qrobot.rci.thread_driver import ThreadDriver
 from qrobot.rci.virtual_driver import VirtualDriver
+from qrobot.wire import RobotState
 
 
 def driver_for(
     link: Link,
     task: SampledTask,
     name: str,
-    greeted: Callable[[], object] = lambda: None,
+    greeted: Callable[[RobotState], object] = lambda _: None,
     lock: threading.Condition | None = None,
     before: SampleDriver | None = None,
 ) -> SampleDriver:
@@ -29,10 +30,11 @@ def driver_for(
         link: open.
         task: to run.
         name: of its thread.
-        greeted: called when a link that was lost is there again.
+        greeted: called with the first sample behind a time in which the link was lost, or the servo away: the servo may
+            be another one. The one that was heard before is still the newest that `task` knows.
         lock: that it shares with others; by default it has one of its own.
         before: the driver of the same arm that has ended, whose place among all that run at an instant it takes.
     """
     if not link.virtual_time:
         return ThreadDriver(link, task, name, greeted, lock)
-    return VirtualDriver(link, task, before.rank if isinstance(before, VirtualDriver) else None)
+    return VirtualDriver(link, task, greeted, before.rank if isinstance(before, VirtualDriver) else None)

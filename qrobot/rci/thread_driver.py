@@ -16,7 +16,7 @@ from qrobot.rci.robot_samples import RELEASED
 from qrobot.rci.sampled_task import SampledTask, end_badly
 from qrobot.realtime.interpreter import InterpreterShare
 from qrobot.realtime.setup import set_fifo
-from qrobot.wire import Command
+from qrobot.wire import Command, RobotState
 
 PRIORITY: Final = 20  # ahead of ordinary programs where that is allowed, behind bridge and servo
 AGAIN_S: Final = 0.5  # [A] between greetings of a bridge that has gone away
@@ -58,7 +58,7 @@ class ThreadDriver:
         link: Link,
         task: SampledTask,
         name: str,
-        greeted: Callable[[], object] = lambda: None,
+        greeted: Callable[[RobotState], object] = lambda _: None,
         lock: threading.Condition | None = None,
     ) -> None:
         self.error: BaseException | None = None
@@ -66,7 +66,7 @@ class ThreadDriver:
         self._link, self._task, self._greeted = link, task, greeted
         self._sampled = lock or threading.Condition()
         self._shared = lock is not None  # others wait for it
-        self._over = False
+        self._over = self._greeted_anew = False
         self._thread = _SampleThread(target=self._run, name=name, daemon=True)
         self._looking = 0  # waits that look themselves
         self._looks: list[_Look] = []  # that the thread takes
@@ -168,8 +168,10 @@ class ThreadDriver:
                 self._greet_anew(lost)
                 continue
             with self._sampled:
-                if self._link.take_servo_loss():
+                if self._link.take_servo_loss() or self._greeted_anew:
+                    self._greeted_anew = False
                     self._task.lose_servo()
+                    self._greeted(state.robot)
                 command = self._task.step(state, self._link.now_ns())
                 self._tell_waiting()
 
@@ -184,7 +186,5 @@ class ThreadDriver:
                 time.sleep(AGAIN_S)
                 self._task.insist()
             else:
-                with self._sampled:
-                    self._task.lose_servo()  # nor has anybody while the bridge was away
-                self._greeted()
+                self._greeted_anew = True
                 return

@@ -10,7 +10,7 @@ from qrobot.rci.link import Link
 from qrobot.rci.program_time import Rank
 from qrobot.rci.robot_samples import RobotSamples
 from qrobot.rci.sampled_task import SampledTask, end_badly
-from qrobot.wire import Command
+from qrobot.wire import Command, RobotState
 
 
 class VirtualDriver:
@@ -22,8 +22,10 @@ class VirtualDriver:
 
     share: None = None
 
-    def __init__(self, link: Link, task: SampledTask, rank: Rank | None = None) -> None:
-        self._link, self._task = link, task
+    def __init__(
+        self, link: Link, task: SampledTask, greeted: Callable[[RobotState], object], rank: Rank | None = None
+    ) -> None:
+        self._link, self._task, self._greeted = link, task, greeted
         self._command: Command | None = None
         self._samples = RobotSamples(self._exchange, self._failed, rank)
         self.rank = self._samples.rank
@@ -61,6 +63,7 @@ class VirtualDriver:
         state = self._link.exchange(self._command)
         if self._link.take_servo_loss():
             self._task.lose_servo()
+            self._greeted(state.robot)
         self._command = self._task.step(state, self._link.now_ns())
 
     def _failed(self, error: BaseException) -> None:

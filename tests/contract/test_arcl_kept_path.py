@@ -159,8 +159,9 @@ def test_a_way_back_that_is_too_long_waits_until_more_is_allowed_and_a_stop_give
 def test_a_servo_that_starts_anew_has_nobody_s_word_that_the_arm_may_go_back(fake: FakeRobot, when: str) -> None:
     rp = arcl_open(ARCL_AMI, "bridge")
     rp.keep_path()
-    asked = motions(rp)
-    arcl_wait(rp, lambda: rp.treal > 500.0)
+    rp.setload(2.0)
+    asked, fake.told = motions(rp), []
+    arcl_wait(rp, lambda begin=rp.treal: rp.treal > begin + 500.0)
     fail(fake, "fault")
     fake.paused = when == "paused"
     arcl_wait(rp, lambda: rp.kept)
@@ -177,6 +178,7 @@ def test_a_servo_that_starts_anew_has_nobody_s_word_that_the_arm_may_go_back(fak
     assert rp.kept
     assert not any(command.power or command.clear_fault for command in fake.commands[said + 1 :])
     assert (fake.mode, len(fake.path)) == (Mode.OFF, followed)
+    assert [packet.mass for _, packet in fake.told] == [2.0]  # the load, which the servo has forgotten
     arcl_resume(rp)
     arcl_wait(rp)
     assert [motion.code for motion in asked] == [EVENT_DONE, EVENT_DONE]

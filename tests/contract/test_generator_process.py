@@ -21,7 +21,7 @@ from qrobot.errors import ConfigError, JointLimit, LinkBusy, LinkLost, MotionErr
 from qrobot.motion import Termination, motion_limits
 from qrobot.rccl.offline import OfflineLink
 from qrobot.rci import TcpLink
-from qrobot.wire import AnalogOutputs, Collision, ErrorCode, Signals, WireError, WireEvent
+from qrobot.wire import AnalogOutputs, Collision, ErrorCode, Payload, Signals, WireError, WireEvent
 from tests.support.fake_robot import FakeRobot, TcpRobot
 from tests.support.patience import PATIENCE_S, wait_until
 
@@ -50,7 +50,10 @@ class GatedRobot(FakeRobot):
 
 
 class NotingRobot(FakeRobot):
-    """One that notes what it is told beside the setpoints, and refuses thresholds of a collision when it `refuses`."""
+    """One that notes what it is told beside the setpoints, and refuses thresholds of a collision when it `refuses`.
+
+    Its servo starts anew with each link.
+    """
 
     def __init__(self) -> None:
         super().__init__(PARK, period_us=4_000, patience=PATIENCE)
@@ -60,9 +63,14 @@ class NotingRobot(FakeRobot):
     def _take(self, event: WireEvent) -> bytes:
         if isinstance(event, Collision) and self.refuses:
             return self._connection.send(WireError(ErrorCode.COLLISION_REFUSED, "not these", False))
-        if isinstance(event, Signals | Collision | AnalogOutputs):
+        if isinstance(event, Signals | Collision | AnalogOutputs | Payload):
             self.beside.append(event)
         return super()._take(event)
+
+    def forget_client(self) -> None:
+        """See `FakeRobot.forget_client`."""
+        self.payload_mass = 0.0
+        super().forget_client()
 
 
 def deg(name: str, *steps: float) -> rccl.Position:
@@ -255,13 +263,14 @@ def test_a_bridge_that_is_greeted_anew_is_told_what_it_took_of_collisions_and_no
         robot.refuses = False
         assert [type(packet) for packet in robot.beside] == [Signals, AnalogOutputs, Collision]
         taken = robot.beside[-1]
+        arm.setload(2.0)
         robot.beside.clear()
         server.hang_up()
         arm.waitas(lambda: arm.kept)
-        begin = robot.seq
-        arm.waitas(lambda: robot.seq > begin + 10)
-        assert [type(packet) for packet in robot.beside] == [Signals, Collision]
+        wait_until(lambda: len(robot.beside) == 3)
+        assert [type(packet) for packet in robot.beside] == [Signals, Collision, Payload]
         assert robot.beside[1].thresholds == taken.thresholds
+        assert robot.payload_mass == 2.0
         arm.resume()
         arm.waitfor(arm.completed)
 

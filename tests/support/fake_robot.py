@@ -15,15 +15,18 @@ from qrobot.rci import TcpLink
 from qrobot.wire import (
     Bye,
     ClientRole,
+    Collision,
     Command,
     Connection,
     ErrorCode,
     Hello,
     JointMode,
     Mode,
+    Payload,
     RobotFlag,
     RobotState,
     Side,
+    Signals,
     State,
     Welcome,
     WireError,
@@ -41,6 +44,8 @@ class FakeRobot:
 
     Attributes:
         commands: everything the commander said.
+        told: what they said beside commands, and how many commands came before.
+        payload_mass: kg, in force.
         path: setpoints followed, one per period. Shape (periods, n) as an array.
     """
 
@@ -54,6 +59,8 @@ class FakeRobot:
         self.calibrated = True
         self.commands: list[Command] = []
         self.path: list[tuple[float, ...]] = []
+        self.told: list[tuple[int, Payload | Collision | Signals]] = []
+        self.payload_mass = 0.0
         self.goodbyes = 0
         self.before_period: Callable[[int], object] | None = None
         self.seq = 0
@@ -79,6 +86,7 @@ class FakeRobot:
     def start_anew(self) -> None:
         """Be another servo from the next period on, without power and without a pause; the client is told of it."""
         self.mode, self.fault, self.event, self.paused = Mode.OFF, 0, 0, False
+        self.payload_mass = 0.0
         self._gone = True
 
     def forget_client(self) -> None:
@@ -130,6 +138,9 @@ class FakeRobot:
                 )
             case Command():
                 self._obey(event)
+            case Payload() | Collision() | Signals():
+                self.told.append((len(self.commands), event))
+                self.payload_mass = event.mass if isinstance(event, Payload) else self.payload_mass
             case Bye():
                 self.goodbyes += 1
         return b""
@@ -186,6 +197,7 @@ class FakeRobot:
             flags=flags,
             hand=self.hand,
             override=self.override,
+            payload_mass=self.payload_mass,
         )
 
 

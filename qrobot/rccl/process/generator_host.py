@@ -28,6 +28,7 @@ from qrobot.rccl.process.reports import GeneratorReport, Happened, MotionProgres
 from qrobot.rccl.process.shared_values import GENERATOR, ValueCells, warm_up
 from qrobot.rccl.setpoints import Setpoints
 from qrobot.rccl.task import TrajectoryTask
+from qrobot.rci.arm_settings import load_is_lost
 from qrobot.rci.client import Beside
 from qrobot.rci.link import check_welcome
 from qrobot.rci.process_main import portable
@@ -36,7 +37,7 @@ from qrobot.rci.thread_driver import ThreadDriver
 from qrobot.realtime.deadline import Deadline
 from qrobot.realtime.interpreter import prepare_interpreter
 from qrobot.realtime.setup import lock_memory, pin_threads, tighten_timers
-from qrobot.wire import Collision, Hello, Payload, Signals, Welcome
+from qrobot.wire import Collision, Hello, Payload, RobotState, Signals, Welcome
 
 FAREWELL_S: Final = 8.0  # [A] for an arm to come to rest, when its program is gone
 TOLD_WORDS: Final = 8  # of the descriptor
@@ -128,6 +129,7 @@ class GeneratorHost:
         self._link: TcpLink | None = None
         self._driver: ThreadDriver | None = None
         self._told_again: dict[type, Signals | Collision] = {}
+        self._load = Payload(0.0)
         self._teller = threading.Thread(target=self._tell, name="rccl-reports", daemon=True)
 
     def serve(self) -> None:
@@ -289,6 +291,7 @@ class GeneratorHost:
     def do_carry(self, load: Payload) -> None:
         """See `TrajectoryTask.carry`."""
         with self._locked():
+            self._load = load
             self.task.carry(load)
 
     def do_set(self, name: str, value: object) -> None:
@@ -311,8 +314,9 @@ class GeneratorHost:
 
     # ---------------------------------------------------------------------------------------------------------- inside
 
-    def _tell_again(self) -> None:
-        for packet in self._told_again.values():
+    def _tell_again(self, now: RobotState) -> None:
+        lost = (self._load,) if load_is_lost(self._load, self.task.how, now) else ()
+        for packet in (*self._told_again.values(), *lost):
             self.link.tell(packet)
 
     def _farewell(self) -> None:

@@ -18,7 +18,7 @@ from qrobot.fences.in_force import use_fences
 from qrobot.motion import Termination
 from qrobot.rci import VirtualLink
 from qrobot.rci.standstill import HELD_S
-from qrobot.wire import Mode
+from qrobot.wire import Mode, Payload, Signals
 from tests.support.fake_robot import FakeRobot
 from tests.support.kept_path import check_goes_on, fail
 from tests.support.puma import PARK, PERIOD_S, ROBOT
@@ -178,6 +178,51 @@ def stands_without_power(fake: FakeRobot, arm: rccl.Channel) -> None:
     assert arm.kept
     assert not any(command.power or command.clear_fault for command in fake.commands[said + 1 :])
     assert (fake.mode, len(fake.path)) == (Mode.OFF, followed)
+
+
+@pytest.mark.parametrize("carries", [0.0, 1.0, 2.0])
+def test_a_servo_that_starts_anew_is_told_what_the_program_carries_before_it_has_power(
+    fake: FakeRobot, carries: float
+) -> None:
+    with rccl.control("puma560") as arm:
+        arm.keep_path()
+        arm.setload(2.0, (0.0, 0.0, 40.0))
+        arm.collision("comply")
+        arm.log_signal("depth", 0.3)
+        arm.waitas(lambda: any(isinstance(packet, Signals) for _, packet in fake.told))
+        before, fake.told = fake.told, []
+        motions(arm)
+        arm.waitas(lambda: arm.time > 3000)
+        fail(fake, "fault")
+        arm.waitas(lambda: arm.kept)
+        said = len(fake.commands)
+        fake.start_anew()
+        fake.payload_mass = carries  # of a servo that was away, but has not started anew
+        arm.waitas(lambda begin=arm.time: arm.time > begin + 200)
+        arm.resume()
+        arm.waitfor(arm.completed)
+    powered = next(n for n, command in enumerate(fake.commands) if n > said + 1 and command.power)
+    assert all(said <= n < powered for n, _ in fake.told)
+    told = [packet for _, packet in fake.told]
+    assert [isinstance(packet, Payload) for packet in told].count(True) == (carries == 0.0)
+    assert all(packet in [each for _, each in before] for packet in told)
+    assert len(told) == 2 + (carries == 0.0)
+
+
+def test_a_load_that_somebody_has_taken_away_is_not_told_to_the_next_servo(fake: FakeRobot) -> None:
+    with rccl.control("puma560") as arm:
+        arm.keep_path()
+        arm.setload(2.0)
+        motions(arm)
+        arm.waitas(lambda: arm.time > 3000)
+        fail(fake, "fault")
+        fake.payload_mass, fake.told = 0.0, []
+        arm.waitas(lambda: arm.kept)
+        fake.start_anew()
+        arm.waitas(lambda begin=arm.time: arm.time > begin + 200)
+        assert not fake.told
+        arm.resume()
+        arm.waitfor(arm.completed)
 
 
 def test_a_pause_that_ends_on_the_way_back_lets_no_arm_go_that_is_stopped_there(fake: FakeRobot) -> None:
