@@ -56,6 +56,10 @@ class RevocableLink:
         """See `Link.refusal`."""
         return self._link.refusal(kind)
 
+    def take_servo_loss(self) -> bool:
+        """See `Link.take_servo_loss`."""
+        return self._link.take_servo_loss()
+
     def now_ns(self) -> int:
         """See `Link.now_ns`."""
         return self._link.now_ns()
