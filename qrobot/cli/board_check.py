@@ -69,6 +69,7 @@ def check(
         _transport_to(chosen, read_only),
         robot_of_arm(chosen),
         (lambda _question: True) if yes else _ask,
+        None if chosen.board.drives is None else chosen.board.drives.mode,
     )
     findings = []
     permissions = Permissions(read_only, power, hands=not yes and not read_only)

@@ -11,6 +11,7 @@ from qrobot.config.document import Table
 from qrobot.config.robot import Robot
 
 Node = Annotated[int, Field(ge=1, le=127)]
+DriveMode = Literal["torque", "position"]
 Nonzero = Annotated[float, Field(allow_inf_nan=False)]
 
 
@@ -34,7 +35,7 @@ class DrivesTransport(Table):
     interface: str = "socketcan"
     channel: str = "can0"
     bitrate: int = Field(default=1_000_000, ge=10_000, le=1_000_000)
-    mode: Literal["torque", "position"] = "torque"
+    mode: DriveMode = "torque"
     nodes: tuple[Node, ...] = Field(min_length=1, max_length=6, strict=False)
     torque_permille: tuple[Nonzero, ...] = Field(default=(), strict=False)
     increments_per_count: tuple[Nonzero, ...] = Field(strict=False)

@@ -64,6 +64,8 @@ class CheckStep(NamedTuple):
     writes: bool = False
     powers: bool = False
     hands: bool = False  # somebody has to turn, measure or look at something
+    torque: bool = False  # converters have to mean torque
+    board: bool = False  # separate drives have nothing of that
     question: str = ""
 
 
@@ -129,7 +131,7 @@ def _leave_safe(walk: Walk, allowed: Permissions) -> None:
 
 
 def _make(step: CheckStep, walk: Walk, allowed: Permissions) -> StepResult:
-    if why_not := _forbidden(step, allowed):
+    if why_not := _absent(step, walk) or _forbidden(step, allowed):
         return StepResult(step.name, None, f"left out: {why_not}")
     try:
         if step.question and not walk.ask(step.question):
@@ -141,6 +143,12 @@ def _make(step: CheckStep, walk: Walk, allowed: Permissions) -> StepResult:
         return StepResult(step.name, False, str(error), error.remedy)
     except QRobotError as error:
         return StepResult(step.name, False, str(error), "look at the link to the board")
+
+
+def _absent(step: CheckStep, walk: Walk) -> str:
+    if step.board and walk.drives is not None:
+        return "separate drives have none"
+    return "drives in position mode take no torque" if step.torque and walk.drives == "position" else ""
 
 
 def _forbidden(step: CheckStep, allowed: Permissions) -> str:
@@ -298,7 +306,7 @@ def turn_by_hand(walk: Walk) -> str:
         walk.look()
         by = walk.moved(before)[joint] * float(np.sign(walk.robot.transmission.rad_per_count[joint]))
         if by <= STILL:
-            raise StepError(f"joint {joint + 1} counted {by:+.0f}", reversed_counts(walk.robot))
+            raise StepError(f"joint {joint + 1} counted {by:+.0f}", reversed_counts(walk))
         walk.ways_seen.add(joint)
         told.append(f"joint {joint + 1} {by:+.0f}")
     return "counts towards positive angles: " + ", ".join(told)
@@ -316,13 +324,14 @@ STEPS: Final = (
     CheckStep("scratch bits", toggle_scratch, writes=True),
     CheckStep("outputs to zero", zero_outputs, writes=True),
     CheckStep("counters take a load", load_counters, writes=True),
-    CheckStep("index flags", arm_indexes, writes=True),
-    CheckStep("converter", convert_all, writes=True),
+    CheckStep("index flags", arm_indexes, writes=True, board=True),
+    CheckStep("converter", convert_all, writes=True, board=True),
     CheckStep(
         "analogue outputs",
         measure_outputs,
         writes=True,
         hands=True,
+        board=True,
         question="Is arm power locked out, and a voltmeter at hand?",
     ),
     CheckStep(
@@ -330,8 +339,14 @@ STEPS: Final = (
     ),
     CheckStep("power for an instant", power_for_an_instant, writes=True, powers=True, question=_HOLD_ARM),
     CheckStep(
-        "which way the joints go", see_ways, writes=True, powers=True, hands=True, question=_HOLD_ARM + _LOOK_AT_JOINTS
+        "which way the joints go",
+        see_ways,
+        writes=True,
+        powers=True,
+        hands=True,
+        torque=True,
+        question=_HOLD_ARM + _LOOK_AT_JOINTS,
     ),
-    CheckStep("a push on each joint", push_each_joint, writes=True, powers=True, question=_HOLD_ARM),
+    CheckStep("a push on each joint", push_each_joint, writes=True, powers=True, torque=True, question=_HOLD_ARM),
 )
 """In this order."""

@@ -48,7 +48,7 @@ def see_ways(walk: Walk) -> str:
         if _went_up(walk, joint, by) != (by > 0):
             raise StepError(
                 f"the angle of joint {joint + 1} {'rose' if by > 0 else 'fell'} by its counts; it went the other way",
-                reversed_counts(walk.robot),
+                reversed_counts(walk),
             )
         walk.ways_seen.add(joint)
         told.append(f"{joint + 1}: {_distance(walk.robot, joint, by)}")
@@ -101,12 +101,14 @@ def push_each_joint(walk: Walk) -> str:
 
 
 def _reversed_torque(walk: Walk, joint: int) -> str:
+    if walk.drives is not None:  # what its counts mean has no part in it
+        return "set the polarity of its drive, with its maker's tool: positive torque has to let its position rise"
     motor = "swap its motor leads, or the sign of dac_per_Nm"
     if joint in walk.ways_seen:
         return motor
     return (
         "only one of both is reversed: look which way the joint goes when its angle is shown to rise; "
-        f"the wrong way: {reversed_counts(walk.robot)}; the right way: {motor}"
+        f"the wrong way: {reversed_counts(walk)}; the right way: {motor}"
     )
 
 

@@ -11,6 +11,7 @@ from typing import Final
 import numpy as np
 
 from qrobot.config import Robot
+from qrobot.config.drives import DriveMode
 from qrobot.errors import LinkTimeout, QRobotError
 from qrobot.hwif.bus import NO_OPERATIONS, BoardFacts, Bus, Operations, safe_operations
 from qrobot.hwif.image import IMAGE_COUNT, IMAGE_T_NS, input_at, make_image
@@ -60,13 +61,14 @@ class Walk:
         bus: to the board; nobody else may drive it meanwhile.
         robot: what is expected behind it.
         ask: puts a question to the operator; False leaves something out.
+        drives: mode of the separate drives that stand in for the board, if they do.
 
     Attributes:
         ways_seen: joints that somebody has seen to count the way they go.
     """
 
-    def __init__(self, bus: Bus, robot: Robot, ask: Confirm) -> None:
-        self.bus, self.robot, self.ask = bus, robot, ask
+    def __init__(self, bus: Bus, robot: Robot, ask: Confirm, drives: DriveMode | None = None) -> None:
+        self.bus, self.robot, self.ask, self.drives = bus, robot, ask, drives
         self.facts = BoardFacts("F", robot.n)
         self.ways_seen: set[int] = set()
         self._image = make_image()
@@ -164,7 +166,10 @@ def joints_named(numbers: list[int]) -> str:
     return ("joint " if len(numbers) == 1 else "joints ") + ", ".join(map(str, numbers))
 
 
-def reversed_counts(robot: Robot) -> str:
+def reversed_counts(walk: Walk) -> str:
     """Remedy for an encoder that counts against its joint."""
-    key = "vendor_rad_per_count" if robot.transmission.scales == "vendor" else "count_sign"
+    if walk.drives is not None:
+        torque = " and torque_permille" if walk.drives == "torque" else ""
+        return f"change the sign of its increments_per_count{torque}"
+    key = "vendor_rad_per_count" if walk.robot.transmission.scales == "vendor" else "count_sign"
     return f"swap A and B of its encoder, or change its sign in {key} of the robot file"
