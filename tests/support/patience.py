@@ -20,10 +20,15 @@ def give_time(seconds: float = MOMENT_S) -> None:
     time.sleep(seconds)
 
 
-def wait_until(condition: Callable[[], object], what: str = "it", seconds: float = PATIENCE_S) -> None:
-    """Poll on the wall clock. Fails the test when the condition does not come true within `seconds`."""
+def wait_until(
+    condition: Callable[[], object], what: str | Callable[[], object] = "it", seconds: float = PATIENCE_S
+) -> None:
+    """Poll on the wall clock. Fails the test when the condition does not come true within `seconds`.
+
+    `what` it is, or a function that says so, and how things stand, when it has not come.
+    """
     deadline, poll_s = time.monotonic() + seconds, _POLL_S
     while not condition():
-        assert time.monotonic() < deadline, f"not within {seconds:g} s: {what}"
+        assert time.monotonic() < deadline, f"not within {seconds:g} s: {what() if callable(what) else what}"
         time.sleep(poll_s)
         poll_s = min(1.2 * poll_s, _LONGEST_POLL_S)

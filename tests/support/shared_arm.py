@@ -17,7 +17,6 @@ from qrobot.sim_board.injection import FaultPanel
 from tests.support.patience import wait_until
 from tests.support.processes import RunningArm, running_arms
 
-PERIOD_MS = 28.0
 BOARD = """outputs = [{ output = 1, bit = 3, name = "glue" }, { output = 2, bit = 5, on_stop = "hold" }], \
 scene = { kind = "table", position_m = [0.5, 0.0, -0.4] }"""  # deep enough that only who means to touches it
 START = load_robot("puma560").poses["park"]
@@ -39,7 +38,7 @@ class SharedArm:
             self._starts += 1
             directory = self._directory / str(self._starts)
             directory.mkdir()
-            (self._arm,) = self._processes.enter_context(running_arms(directory, period_ms=PERIOD_MS, board=BOARD))
+            (self._arm,) = self._processes.enter_context(running_arms(directory, board=BOARD))
         return self._arm
 
     def put_in_order(self) -> None:

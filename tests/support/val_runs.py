@@ -31,26 +31,28 @@ class Typed(list[str]):
 
 
 @contextmanager
-def ideal_arm(library: str = "rccl") -> Iterator[ValArm]:
+def ideal_arm(library: str = "rccl", period_ms: float = 28.0) -> Iterator[ValArm]:
     """A PUMA 560 that is where it was told to be."""
     if library == "rccl":
-        with open_channel(OfflineLink, "puma560") as channel:
+        with open_channel(OfflineLink, "puma560", period_ms) as channel:
             yield RcclArm(channel)
     else:
         with (
             use_machine(MachineChoice("offline", analog_ranges={1: (0.0, 10.0)})),
-            arcl_arm(load_robot("puma560"), 28.0) as arm,
+            arcl_arm(load_robot("puma560"), period_ms) as arm,
         ):
             yield arm
 
 
 @contextmanager
-def interpreter(text: str = "", *answers: str, library: str = "rccl") -> Iterator[tuple[Interpreter, Typed]]:
+def interpreter(
+    text: str = "", *answers: str, library: str = "rccl", period_ms: float = 28.0
+) -> Iterator[tuple[Interpreter, Typed]]:
     """An interpreter with the programs of `text`, without their first blanks, on an ideal arm."""
     source, errors = read_source(text)
     assert errors == []
     typed = Typed(*answers)
-    with ideal_arm(library) as arm:
+    with ideal_arm(library, period_ms) as arm:
         run = Interpreter(arm, typed.append, typed.ask)
         run.machine.arm.override = 100.0
         run.machine.load(source)

@@ -59,7 +59,7 @@ ONCE = "once.py"
 SOURCE_OF_ONCE = """from qrobot import rccl
 
 with rccl.control("puma560") as arm:
-    arm.setjvel(0.1)
+    arm.setjvel(0.2)
     waist, *others = arm.joints
     for degrees in (-30.0, 0.0):
         arm.move(arm.jposition("swing", [waist + degrees, *others]))
@@ -73,6 +73,13 @@ for (const q of arguments[0]) ahead.follow(waist(q)), left.push(ahead.points);
 ahead.forget();
 return left;
 """
+NOTE_NOTICES = """
+const notice = document.getElementById("notice");
+window.noticed = [];
+const changes = { childList: true, characterData: true, subtree: true };
+new MutationObserver(() => noticed.push(notice.textContent)).observe(notice, changes);
+"""
+WAS_NOTICED = "return noticed.some((text) => text.includes(arguments[0]))"
 IS_HELD = "return pendant.press !== null"
 ALT, CTRL, META, SHIFT = 1, 2, 4, 8
 ENDS_OF_A_HELD_KEY: tuple[Callable[[Page], None], ...] = (
@@ -195,9 +202,25 @@ def take_to_lead(page: Page) -> None:
     if not page.run("return pendant.driving"):
         page.click("drive")
         wait_until(lambda: page.run("return pendant.driving"), "this page drives")
-    if not page.run("return pendant.leading"):
-        page.click("guide-take")
-        wait_until(lambda: page.run("return pendant.leading"), "the arm can be led")
+
+    def leads() -> bool:
+        if page.run("return pendant.armStatus.session === 'no'"):  # else the button lets go of the arm again
+            page.click_if("#guide-take:not([data-on])")
+            give_time(STILL_S)
+        return bool(page.run("return pendant.leading"))
+
+    wait_until(leads, "the arm can be led")
+
+
+def let_go_of_the_led_arm(page: Page) -> None:
+    """Unless it was lost already: the same button would take it again."""
+
+    def free() -> bool:
+        page.click_if("#guide-take[data-on]")
+        give_time(STILL_S)
+        return bool(page.run("return pendant.armStatus.session === 'no'"))
+
+    wait_until(free, "nothing has the arm")
 
 
 def choose_arm(page: Page, number: int) -> None:
@@ -329,11 +352,13 @@ def each_arm_has_a_lease_that_is_taken_and_given_up(page: Page, other: Page) -> 
     wait_until(lambda: drivers(page) == drivers(other) == [first, second], "each drives an arm")
     wait_until(lambda: page.shows('[data-arm="1"]', f"page {second} drives"), "it is shown")
     choose_arm(other, 0)
+    for each in (page, other):
+        each.run(NOTE_NOTICES)  # any later one takes its place
     other.click("drive")  # asks
-    wait_until(lambda: page.shows("#notice", f"page {second} asks to drive"), "the page that drives is told")
+    wait_until(lambda: page.run(WAS_NOTICED, f"page {second} asks to drive"), "the page that drives is told")
     assert drivers(other) == [first, second]
     page.click("keep")
-    wait_until(lambda: other.shows("#notice", f"page {first} keeps driving"), "it does not get it")
+    wait_until(lambda: other.run(WAS_NOTICED, f"page {first} keeps driving"), "it does not get it")
     other.click("drive")
     wait_until(lambda: page.shows("#drive", f"Give up to page {second}"), "the page that drives is asked")
     page.click("drive")
@@ -382,7 +407,7 @@ def the_arm_is_led_by_hand_while_its_button_is_held(page: Page, arm: RunningArm)
     take_to_lead(page)
     page.click("guide-place")
     wait_until(lambda: page.run("return 'P1' in pendant.armStatus.taught"), "the place is kept")
-    page.click("guide-take")
+    let_go_of_the_led_arm(page)
     page.click("guide-write")
     wait_until(lambda: "qrobot replay" in page.run("return pendant.armStatus.notice"), "the recording is written")
 
@@ -393,14 +418,8 @@ def a_program_is_paused_while_no_page_drives_led_back_to_its_path_and_ended_by_s
     """Begins with a page that drives, and has let go of the arm; so it ends."""
     page.click("tab-programs")
     page.click_at(f'[data-name="{ONCE}"]')
-    page.click("start-offline")
-    wait_until(lambda: state_of_program(page) == "done", "it was run off line")
-    wait_until(lambda: points_ahead(page) > 0, "its path is drawn ahead of the arm")
-    ahead = points_ahead(page)
-    page.click("start-live")
-    page.click("start-sure")
-    while_it_is_led_on(page, lambda: 0 < points_ahead(page) < ahead / 2, "the arm has come over half of it")
-    while_it_is_led_on(page, lambda: state_of_program(page) == "done", "the program is done")
+    while not goes_to_its_end(page):
+        pass
     wait_until(lambda: points_ahead(page) == 0, "nothing is ahead")
 
     page.click_at(f'[data-name="{PROGRAM}"]')
@@ -438,14 +457,46 @@ def the_path_ahead_of_one_that_returns_is_not_cut_short(page: Page) -> None:
     assert page.run(THERE_AND_BACK, [0.2, 0.5, 1.0, 0.8, 0.3]) == [181, 151, 101, 81, 31]
 
 
-def while_it_is_led_on(page: Page, condition: Callable[[], bool], what: str) -> None:
-    """Wait for something that a program does; when the servo has stopped the arm, lead it back to the path."""
+def goes_to_its_end(page: Page) -> bool:
+    """Run the chosen program off line, and live along the path that was found; False when its stream was lost.
 
-    def comes() -> bool:
+    A machine that stalls may cost it that, and a program that does not keep its path has ended then.
+    """
+    page.click("start-offline")
+    wait_until(lambda: state_of_program(page) == "done" and points_ahead(page) > 0, lambda: how_it_ran(page))
+    ahead = points_ahead(page)
+    page.click("start-live")
+    page.click("start-sure")
+    if not comes_to(page, lambda: 0 < points_ahead(page) < ahead / 2, "the arm has come over half of it"):
+        return False
+    return comes_to(page, lambda: state_of_program(page) == "done", "the program is done")
+
+
+def comes_to(page: Page, place: Callable[[], bool], what: str) -> bool:
+    """Wait until the program comes there; False: its stream was lost. A page that has lost its lease drives again."""
+
+    def there_or_failed() -> bool:
+        if not page.run("return pendant.driving"):
+            page.click_if("#drive")
         page.click_if("#program-pause[data-on]")
-        return condition()
+        return place() or state_of_program(page) == "failed"
 
-    wait_until(comes, what)
+    wait_until(there_or_failed, lambda: f"{what}: {how_it_ran(page)}")
+    if state_of_program(page) != "failed":
+        return True
+    wait_until(lambda: "STREAM_LOST" in output_of(page), lambda: how_it_ran(page))
+    return False
+
+
+def output_of(page: Page) -> str:
+    """What the program that was started last has printed, as far as the page has asked for it."""
+    return str(page.run("return document.getElementById('output').textContent"))
+
+
+def how_it_ran(page: Page) -> str:
+    """State of the program, of its path and of the arm, for a test that fails."""
+    told = page.run("return JSON.stringify([pendant.driving, pendant.armStatus])")
+    return f"{state_of_program(page)}, {points_ahead(page):g} points ahead, {told}: {output_of(page)}"
 
 
 def let_it_go_on(page: Page, arm: RunningArm) -> None:
@@ -453,7 +504,7 @@ def let_it_go_on(page: Page, arm: RunningArm) -> None:
 
     def moves() -> bool:
         page.click_if("#program-pause[data-on]")  # a click on what it is without that would pause the motions again
-        assert state_of_program(page) == "running", page.run("return document.getElementById('output').textContent")
+        assert state_of_program(page) == "running", output_of(page)
         return not is_at_rest(arm)
 
     wait_until(moves, "the program goes on")
@@ -477,9 +528,9 @@ def every_tab_opens(page: Page) -> None:
 
 def the_scope_waits_for_a_motion(page: Page) -> None:
     page.click("tab-scope")
-    page.choose_option("scope-source", "ring")
+    wait_until(lambda: page.choose_option("scope-source", "ring"), "every cycle can be chosen")
     wait_until(lambda: page.shows("#scope-about", "cycles"), "every cycle is shown")
-    page.choose_option("trigger", "velocity")
+    wait_until(lambda: page.choose_option("trigger", "velocity"), "the trigger can be chosen")
     page.run("document.getElementById('trigger-level').value = '1'")
     page.click("trigger-arm")
     page.click("tab-drive")
@@ -565,9 +616,7 @@ def test_what_is_held_ends_with_the_key_or_button_whatever_that_is_called_meanwh
                 assert not page.run(IS_HELD), (key, modifier)
                 page.key("Up", key, modifier)
 
-        take(page)
-        page.press(PLUS_OF_JOINT_1)
-        assert page.run(IS_HELD)
+        hold(page, lambda: page.press(PLUS_OF_JOINT_1), page.let_go)
         page.let_go_with_the_right_button_down()
         assert not page.run(IS_HELD)
         page.let_go_of_the_right_button()
@@ -575,11 +624,27 @@ def test_what_is_held_ends_with_the_key_or_button_whatever_that_is_called_meanwh
 
 def hold_key(page: Page, key: str, focused: str) -> None:
     """Hold a key down, with an element in the focus, until it repeats."""
-    take(page)
-    page.run("document.activeElement.blur(); document.querySelector(arguments[0]).focus()", focused)
-    page.key("Down", key)
-    page.key("Down", key, repeat=True)
-    assert page.run(IS_HELD)
+
+    def press() -> None:
+        page.run("document.activeElement.blur(); document.querySelector(arguments[0]).focus()", focused)
+        page.key("Down", key)
+        page.key("Down", key, repeat=True)
+
+    hold(page, press, lambda: page.key("Up", key))
+
+
+def hold(page: Page, press: Callable[[], None], let_go: Callable[[], None]) -> None:
+    """Press until it counts: where the session has lost its stream since the arm was taken, it does not."""
+
+    def held() -> bool:
+        take(page)
+        press()
+        if page.run(IS_HELD):
+            return True
+        let_go()
+        return False
+
+    wait_until(held, "the press counts")
 
 
 def test_a_foreign_page_or_host_or_no_token_is_refused_by_page_socket_io_and_live_socket(pendant: Pendant) -> None:

@@ -167,7 +167,7 @@ def test_an_arm_stops_when_its_program_is_silent_and_when_its_host_is(host: Runn
     """A stopped process is a host or a program whose link is silent: nothing is closed."""
     rci.rci_robot("arm", "puma560", f"{arm.arm.bridge.host}:{arm.arm.bridge.port}")
     td, here = task("arm", functions.swing), task("here", functions.answer, None, "host")
-    rci.rci_onclock(td, 28)
+    rci.rci_onclock(td, 100)
     rci.rci_start(td.bit | here.bit)
     rci.rci_wait(lambda: td.runs > 5)
     assert arm.mode is Mode.TRACKING
