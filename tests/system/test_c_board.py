@@ -10,9 +10,11 @@ import time
 import uuid
 from collections.abc import Iterator
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from qrobot.config import load_robot
 from qrobot.errors import LinkBusy
@@ -33,6 +35,7 @@ SOURCES = Path(__file__).parents[2] / "examples" / "c"
 INCLUDE = Path(__file__).parents[2] / "qrobot" / "wire" / "c"
 COMPILER = shutil.which("cc") or ""
 MOVED = 5  # joint 6
+AWAY_S = 0.1  # in which the path of the program goes on by a fraction of what is judged
 PUMA = load_robot("puma560")
 
 needs_compiler = pytest.mark.skipif(not COMPILER, reason="no C compiler: apt install gcc")
@@ -66,6 +69,43 @@ def moving(server: EmulatedBoardServer) -> bool:
     return abs(float(server.emulator.v[MOVED])) > 0.05
 
 
+class Trip(NamedTuple):
+    """What one run of the program leaves.
+
+    Attributes:
+        status, printed, complaint: of the program.
+        begin, far: where joint 6 was at first, and how far from there it was seen, counts.
+        powered: at the end.
+        trace: of the board.
+        away_s: longest time between two looks, or between two torques of the joint as the board has stamped them.
+    """
+
+    status: int
+    printed: str
+    complaint: str
+    begin: int
+    far: int
+    powered: bool
+    trace: NDArray[np.int64]
+    away_s: float
+
+
+def trip(program: Path, arm: str) -> Trip:
+    """One run, with a board of its own."""
+    with EmulatedBoardServer(arm, Emulator(PUMA)) as server, start(program, arm) as process:
+        counts, looks = [int(np.int16(server.emulator.counters[MOVED]))], [time.monotonic()]
+        while process.poll() is None:
+            time.sleep(0.01)
+            counts.append(int(np.int16(server.emulator.counters[MOVED])))
+            looks.append(time.monotonic())
+        printed, complaint = process.communicate()
+        trace = read_trace(server.segment.memory).copy()
+        torques_ns = trace[trace[:, 2] == DAC + 2 * MOVED, 0][1:]  # without the one before power
+        away_s = max(np.diff(looks).max(), 1e-9 * np.diff(torques_ns).max(initial=0))
+        far, powered = max(counts) - counts[0], server.emulator.powered
+    return Trip(process.returncode, printed, complaint, counts[0], far, powered, trace, float(away_s))
+
+
 def test_the_header_says_what_the_board_memory_is() -> None:
     text = (SOURCES / "trc004.h").read_text()
     defined = {name: int(value, 0) for name, value in re.findall(r"#define TRC004_(\w+) (0x[0-9A-F]+|\d+)\b", text)}
@@ -96,19 +136,22 @@ def test_the_header_says_what_the_board_memory_is() -> None:
 @needs_compiler
 @pytest.mark.realtime
 def test_the_program_powers_the_arm_moves_one_joint_there_and_back_and_leaves_it_without_torque_and_power(
-    program: Path, arm: str, server: EmulatedBoardServer
+    program: Path, arm: str
 ) -> None:
-    begin, far = np.int16(server.emulator.counters[MOVED]), 0
-    with start(program, arm) as process:
-        while process.poll() is None:
-            far = max(far, int(np.int16(server.emulator.counters[MOVED])) - int(begin))
-            time.sleep(0.01)
-        printed, complaint = process.communicate()
-    assert (process.returncode, complaint) == (0, "")
-    assert f"{begin}" in printed
-    assert far == pytest.approx(1500, abs=100)
-    assert not server.emulator.powered
-    trace = read_trace(server.segment.memory)
+    """Judged is a trip in which neither the program nor its board nor who looks on was kept from running for long."""
+    trips: list[Trip] = []
+
+    def undisturbed() -> bool:
+        trips.append(trip(program, arm))
+        return trips[-1].away_s < AWAY_S
+
+    wait_until(undisturbed, lambda: f"a trip on which nobody was kept from running: {[made.away_s for made in trips]}")
+    made = trips[-1]
+    assert (made.status, made.complaint) == (0, "")
+    assert f"{made.begin}" in made.printed
+    assert made.far == pytest.approx(1500, abs=100)
+    assert not made.powered
+    trace = made.trace
     assert (trace[:8, 2:] == [(DAC + 2 * channel, DAC_ZERO) for channel in range(8)]).all()  # before any power
     assert trace[8, 2] == DISCRETE
     assert trace[8, 3] & DISCRETE_POWER

@@ -40,14 +40,21 @@ STILL_COUNTS = 40  # 0.4 degrees at most: joints settle under gravity and fricti
 BOTH, HELD, NONE = (0b11, 0x28), (0b10, 0x20), (0, 0)  # of the arm's two outputs: as lines, and as bits of DISCRETE
 
 LEGS = """
+from numpy import degrees
 from qrobot import rccl
 
 arm = rccl.control("puma560", period_ms=100, clear_fault=True)
-arm.signal(1, 2)
 arm.setjvel(1.05)
+poses = arm.robot.poses
+left = arm.jposition("left", [-140, *degrees(poses["park"])[1:]])
+right = arm.jposition("right", [140, *degrees(poses["end"])[1:]])
+arm.move(left)
+arm.waitfor(arm.completed)
+arm.waitas(lambda: max(map(abs, arm.how.v)) < 0.1)
+arm.signal(1, 2)
 while True:
-    for name in ("park", "end"):
-        arm.move(arm.pose(name))
+    for place in (right, left):
+        arm.move(place)
         arm.waitfor(arm.completed)
 """
 TIMID = LEGS.replace(", clear_fault=True", "")
@@ -71,10 +78,9 @@ def timid(tmp_path: Path) -> Path:
 
 @contextmanager
 def fast_leg(arm: RunningArm, legs: Path) -> Iterator[subprocess.Popen[str]]:
-    """Inside, a program is on its fast leg at constant speed; some 0.8 s of the leg are left."""
-    with arm.moving(legs, FAST) as program:
+    """Inside, a program is on its first fast leg at constant speed; some four seconds of the leg are left."""
+    with arm.moving(legs, FAST, lambda: arm.lamps == BOTH) as program:
         give_time(0.1)  # until it accelerates no more
-        wait_until(lambda: arm.lamps == BOTH, "the program's outputs")
         yield program
 
 

@@ -39,7 +39,7 @@ def hangs(q_ref, v_ref, a_ref, q, v, gravity, friction, sensors, gains, settings
 def dawdles(q_ref, v_ref, a_ref, q, v, gravity, friction, sensors, gains, settings, memory, dt, tau):
     memory[0] += 1.0
     if 2000.0 < memory[0] < 1e9 and abs(v_ref[0]) > 0.3:
-        for k in range(3_000_000):
+        for k in range(500_000):
             memory[1] += 1.0 / (1.0 + memory[1])
     for j in range(q.size):
         tau[j] = gains[0, j] * (q_ref[j] - q[j]) + gains[1, j] * (v_ref[j] - v[j]) + gravity[j]

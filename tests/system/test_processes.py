@@ -43,7 +43,7 @@ class Up:
     def running(self) -> Iterator[subprocess.Popen[Any]]:
         """Ends it hard if the test did not."""
         with self._said.open("w") as said:
-            process = qrobot("up", self.deployment, "--out-dir", self.directory / "out", stderr=said)
+            process = self._up = qrobot("up", self.deployment, "--out-dir", self.directory / "out", stderr=said)
             try:
                 yield process
             finally:
@@ -61,7 +61,9 @@ class Up:
             "guardian": lambda: servo_ready(self.name),
             "bridge": lambda: guardian_ready(self.name, 0),
         }
-        wait_until(conditions[command], f"it is the turn of {command}", FIRST_START_S)
+        up, its_turn = self._up, conditions[command]
+        wait_until(lambda: its_turn() or up.poll() is not None, f"it is the turn of {command}", FIRST_START_S)
+        assert up.poll() is None, self._said.read_text()
 
     def pid(self, command: str) -> int:
         """Of the process of this command."""

@@ -18,7 +18,7 @@ from qrobot.model.arm import Arm
 from qrobot.rccl import DataBase
 from qrobot.rccl.setpoints import Setpoints, read_setpoints, write_setpoints
 from tests.support import puma
-from tests.support.processes import UNHURRIED_MS, RunningArm
+from tests.support.processes import UNHURRIED_MS, RunningArm, events_of
 from tests.support.puma import ROBOT, shift
 
 pytestmark = pytest.mark.realtime
@@ -168,7 +168,7 @@ def test_one_equation_leads_a_running_arm_to_four_places_on_a_table_that_turns_s
     assert (tmp_path / "live" / "path.png").exists()  # asked for and flown
     rows = arm.telemetry()
     rows = rows[rows["tick"] > before]
-    assert not rows["fault"].any()
+    assert not events_of(rows)
     way = 1e3 * np.array([(Arm(ROBOT).forward(q) @ TOOL)[:2, 3] for q in rows["q"][::10]])
     away = np.linalg.norm(way[:, None] - places, axis=2)
     assert away.min(axis=0).max() < APART_MM

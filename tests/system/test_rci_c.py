@@ -33,7 +33,7 @@ from tests.support.c_programs import CHECKED, EXAMPLES, FOUND, VALGRIND, needs_c
 from tests.support.fake_robot import FakeRobot, TcpRobot
 from tests.support.late_robot import LATE, hear_power_late, lose_power, lose_streams
 from tests.support.patience import PATIENCE_S, wait_until
-from tests.support.processes import RunningArm
+from tests.support.processes import FIRST_START_S, RunningArm
 from tests.support.puma import PARK, ROBOT
 from tests.system.test_rci_programs import TABLE
 
@@ -449,7 +449,7 @@ def test_tasks_of_several_processors_in_real_time_leave_nothing_to_find(make: Ma
         [make(*sources, flags=(*flags, "-fsanitize=thread")), "crowd"],
         [*VALGRIND.split(), "--fair-sched=try", make(*sources, flags=flags), "crowd"],
     ):
-        done = subprocess.run(watched, capture_output=True, text=True, timeout=PATIENCE_S, check=False)
+        done = subprocess.run(watched, capture_output=True, text=True, timeout=FIRST_START_S, check=False)
         assert done.returncode == 0, (FOUND, done.stderr)
         assert done.stdout.splitlines() == [
             "task rogue: one of its functions takes longer than 0.05 s and was given up",

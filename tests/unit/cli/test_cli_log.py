@@ -32,7 +32,7 @@ from qrobot.realtime.shared_memory import segment_path
 from qrobot.servo.memory.servo_memory import create_servo_memory, servo_info
 from qrobot.servo.memory.telemetry import TelemetryLayout, append_row
 from tests.support.log_samples import FullDisk, make_header, make_rows
-from tests.support.patience import wait_until
+from tests.support.patience import PATIENCE_S, wait_until
 
 
 @pytest.fixture
@@ -201,7 +201,7 @@ def test_record_writes_down_a_running_servo_and_ends_on_sigterm(tmp_path: Path) 
             assert wait_for(tmp_path / "logs" / "run.mcap", 1000)
         finally:
             recorder.send_signal(signal.SIGTERM)
-            said = recorder.communicate(timeout=30)[1]
+            said = recorder.communicate(timeout=PATIENCE_S)[1]
     assert recorder.returncode == 0, said
     assert f"the servo of {arm} is recorded in " in said
     log = read_log(tmp_path / "logs" / "run.mcap")

@@ -16,6 +16,7 @@ from qrobot.servo.parameters import servo_parameters
 from qrobot.servo.settings import ServoSettings
 from qrobot.sim_board.server import LIVED_NS, slip_line, unlived_ns
 from tests.support.bus import rows_of
+from tests.support.patience import wait_until
 
 MS = 1_000_000
 BOARD_PERIOD_NS = 250_000
@@ -53,7 +54,7 @@ def test_a_servo_that_overslept_with_its_board_waits_until_the_board_says_for_ho
 
     board = threading.Timer(0.02, wake_up)
     board.start()
-    assert await_board(memory, 1, due_ns) == stalled_ns
+    wait_until(lambda: await_board(memory, 1, due_ns) == stalled_ns, "the board has said so")  # it waits for 50 ms
     board.join()
 
 

@@ -29,6 +29,7 @@ from qrobot.servo.memory.telemetry import TelemetryLayout, TelemetryReader, appe
 from qrobot.servo.settings import ServoSettings
 from qrobot.sim_board.emulator import Emulator
 from tests.support.log_samples import FullDisk, Ring, make_header, make_rows
+from tests.support.patience import PATIENCE_S
 
 MOST_LOST_NS = 250_000_000  # what a kill -9 may cost
 FILE_LIMIT = 1_000_000
@@ -188,7 +189,7 @@ def test_a_recorder_whose_file_may_not_grow_says_so_lives_on_and_keeps_what_it_h
         )  # fmt: skip
         resource.prlimit(recorder.pid, resource.RLIMIT_FSIZE, (FILE_LIMIT, FILE_LIMIT))
         try:
-            first, deadline = 0, time.monotonic() + 60.0
+            first, deadline = 0, time.monotonic() + PATIENCE_S
             while time.monotonic() < deadline and not (target.exists() and target.stat().st_size >= FILE_LIMIT):
                 for row in make_rows(200, first=first).view(np.int64).reshape(200, row_words):
                     append_row(memory.words, base, 4096, row_words, row)
@@ -199,7 +200,7 @@ def test_a_recorder_whose_file_may_not_grow_says_so_lives_on_and_keeps_what_it_h
         finally:
             recorder.send_signal(signal.SIGTERM)
             try:
-                said = recorder.communicate(timeout=30)[1]
+                said = recorder.communicate(timeout=PATIENCE_S)[1]
             finally:
                 recorder.kill()  # one that hangs fails the test, and is not left behind
     assert recorder.returncode == 0, said

@@ -49,7 +49,7 @@ from tests.support.servo_bench import ServoBench, moving, writes_at
 TIMEOUT_NS = 5_000_000
 FAR_NS = 3600_000_000_000
 BEATS = 50
-SILENT_MS, PATIENT_MS = 300.0, 2000.0  # bound of a guardian that is to trip, and of one that is not to
+SILENT_MS, PATIENT_MS = 1000.0, 2000.0  # bound of a guardian that is to trip, and of one that is not to
 OPERATIONS = np.zeros((LANE_CAPACITY, OP_FIELDS), dtype=np.int64)
 LANES = np.zeros(len(OPERATIONS), np.int64)
 NO_CARD_WORDS = make_card(NO_CARD)
