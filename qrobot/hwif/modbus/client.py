@@ -92,6 +92,13 @@ class ModbusLine:
             raise RemoteProtocolError(f"{self.name} answered with {len(registers)} registers instead of {expected}")
         return registers
 
+    def bits(self, request: RequestPdu, expected: int, **arguments: Any) -> list[bool]:
+        """`ask` for `expected` bits, which come in whole bytes. Raises RemoteProtocolError when fewer come as well."""
+        bits = list(self.ask(request, **arguments).bits)
+        if len(bits) < expected:
+            raise RemoteProtocolError(f"{self.name} answered with {len(bits)} bits instead of {expected}")
+        return bits[:expected]
+
     def close(self) -> None:
         """Let go of it."""
         self.client.close()

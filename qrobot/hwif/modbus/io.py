@@ -156,15 +156,15 @@ class RemoteModule:
     def _read(self) -> int:
         bits = 0
         for each in self._choice.inputs:
-            answer = self._line.ask(self._line.client.read_discrete_inputs, address=each.address, count=1)
-            bits |= bool(answer.bits[0]) << each.input
+            [bit] = self._line.bits(self._line.client.read_discrete_inputs, 1, address=each.address, count=1)
+            bits |= bit << each.input
         return bits
 
     def _measure(self) -> dict[int, float]:
         volts = {}
         for each in self._choice.analog:
-            answer = self._line.ask(self._line.client.read_input_registers, address=each.address, count=1)
-            number = (answer.registers[0] ^ SIGN) - SIGN
+            [word] = self._line.registers(self._line.client.read_input_registers, 1, address=each.address, count=1)
+            number = (word ^ SIGN) - SIGN
             volts[each.channel] = number * each.volt_per_count - each.zero_v
         return volts
 

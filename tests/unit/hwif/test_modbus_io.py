@@ -10,6 +10,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 
 from qrobot.config import load_deployment
 from qrobot.config.modbus_io import ModbusIo
@@ -39,7 +41,8 @@ from qrobot.hwif.transports import modules_beside, open_transport
 from tests.support.bus import DirectBus
 from tests.support.deployment import LEFT
 from tests.support.paper_board import PaperBoard
-from tests.support.patience import PATIENCE_MS, wait_until
+from tests.support.patience import MOMENT_S, PATIENCE_MS, wait_until
+from tests.support.relay import Relay, as_it_came
 from tests.support.virtual_clock import VirtualClock
 
 GRIPPER = DAC // 2
@@ -61,6 +64,7 @@ class Table:
     module: RemoteModule
     lines: list[str]
     clock: VirtualClock
+    choice: ModbusIo
 
     def words(self) -> list[int]:
         return [value for _, offset, value in self.board.applied if DAC <= offset < 2 * PUMP]
@@ -86,7 +90,7 @@ def table() -> Iterator[Table]:
             }
         )  # fmt: skip
         patient = choice.model_copy(update={"timeout_ms": PATIENCE_MS})  # longer than a file may ask for
-        table = Table(board, RemoteModule(patient, lines.append, clock), lines, clock)
+        table = Table(board, RemoteModule(patient, lines.append, clock), lines, clock, patient)
         yield table
         table.module.close()
 
@@ -273,6 +277,34 @@ def test_a_module_that_was_never_there_is_told_of_once(table: Table) -> None:
     table.module.poll()
     assert table.lines[1].endswith("found")
     assert table.module.losses == 0
+
+
+@pytest.mark.parametrize("part", ["inputs", "analog"])
+@pytest.mark.parametrize("data", [b"\x00", b"\x01"], ids=["no data", "less than told"])
+def test_a_module_that_answers_without_data_is_lost_and_found_again(table: Table, part: str, data: bytes) -> None:
+    with Relay(("127.0.0.1", table.choice.port)) as relay:
+        near = table.choice.model_copy(update={"port": relay.port, part: ()})
+        module = RemoteModule(near, table.lines.append, table.clock)
+        module.poll()
+        relay.spoil = lambda answer: answer[:4] + bytes([0, 2 + len(data)]) + answer[6:8] + data
+        module.poll()
+        assert module.losses == 1
+        assert "lost, its inputs read as safe" in table.lines[-1]
+        relay.spoil = as_it_came
+        module.poll()
+        assert table.lines[-1].endswith("found")
+        module.close()
+
+
+@settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(st.binary(min_size=1, max_size=16), st.integers(0, 12))
+def test_an_answer_of_any_content_does_not_end_the_polling_of_a_module(table: Table, wild: bytes, at: int) -> None:
+    with Relay(("127.0.0.1", table.choice.port)) as relay:
+        near = table.choice.model_copy(update={"port": relay.port, "timeout_ms": 1e3 * MOMENT_S})
+        module = RemoteModule(near, table.lines.append, table.clock)
+        relay.spoil = lambda data: data[:at] + wild + data[at + len(wild) :]
+        module.poll()
+        module.close()
 
 
 def test_outputs_go_to_modules_beside_a_board_and_not_to_the_board(table: Table) -> None:
