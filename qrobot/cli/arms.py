@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -156,6 +156,7 @@ def servo_settings(
         ConfigError: drives do not fit the robot file, or what the file names is damaged or another robot's.
     """
     check_drives(arm)
+    check_channels(arm)
     return ServoSettings(
         rate_hz=arm.servo.rate_hz if rate_hz is None else rate_hz,
         law=arm.servo.law if law is None else law,
@@ -213,12 +214,25 @@ def force_calibration_of(arm: DeployedArm) -> ForceCalibration | None:
     emulated, given = arm.board.force_sensor, arm.servo.force_sensor
     if given is None:
         return calibration_of_emulated(emulated) if emulated is not None else None
-    pots = robot_of_arm(arm).transmission.pot_channels.tolist() if arm.board.pots else []
-    for channel in given.channels:
-        if channel in pots:
-            joint = pots.index(channel) + 1
-            raise ConfigError(f"servo.force_sensor: channel {channel} carries the potentiometer of joint {joint}")
+    _require_free_channels(arm, "servo.force_sensor", given.channels)
     return given
+
+
+def check_channels(arm: DeployedArm) -> None:
+    """Raise ConfigError when a sensor or a module takes the place of a potentiometer."""
+    sensor = arm.board.can_sensor
+    _require_free_channels(arm, "board.can_sensor", [each.channel for each in sensor.signals] if sensor else [])
+    _require_free_channels(arm, "board.io", [each.channel for module in arm.board.io for each in module.analog])
+
+
+def _require_free_channels(arm: DeployedArm, what: str, channels: Iterable[int]) -> None:
+    pots = robot_of_arm(arm).transmission.pot_channels.tolist() if arm.board.pots else []
+    for channel in channels:
+        if channel in pots:
+            raise ConfigError(
+                f"{what}: channel {channel} carries the potentiometer of joint {pots.index(channel) + 1}: take "
+                "another, or say pots = false in [arm.board] of an arm without potentiometers"
+            )
 
 
 def _reduced_speed(arm: DeployedArm, asked: bool) -> float:

@@ -10,9 +10,10 @@ import can
 import pytest
 from pydantic import ValidationError
 
+from qrobot.cli.arms import servo_settings
 from qrobot.config import load_deployment
 from qrobot.config.can_sensor import CanSensor, CanSignal
-from qrobot.errors import LinkError
+from qrobot.errors import ConfigError, LinkError
 from qrobot.hwif.canbus.sensor import SensorBus, decode_signal
 from qrobot.hwif.image import IMAGE_ADC_VALUE, IMAGE_STATUS, make_image
 from qrobot.hwif.operations import OP_WRITE
@@ -97,6 +98,15 @@ def test_values_of_a_frame_are_read_as_volts_of_their_channels(desk: Desk) -> No
     desk.send((-2500).to_bytes(2, "little", signed=True) + (300).to_bytes(2, "big"))
     assert desk.convert(FORCE) == pytest.approx(-2.5, abs=RESOLUTION)
     assert desk.convert(TORQUE) == pytest.approx(-4.0, abs=RESOLUTION)
+
+
+def test_a_value_in_the_place_of_a_potentiometer_is_refused_with_its_joint(tmp_path: Path) -> None:
+    path = tmp_path / "here.toml"
+    path.write_text(ON_CAN.replace("signals = [{ channel = 6", "signals = [{ channel = 2"))
+    with pytest.raises(ConfigError, match=r"board\.can_sensor: channel 2 carries the potentiometer of joint 3"):
+        servo_settings(load_deployment(path).arm[0])
+    path.write_text(path.read_text() + "pots = false\n")
+    assert not servo_settings(load_deployment(path).arm[0]).pots
 
 
 def test_a_value_on_can_has_a_name_for_programs(desk: Desk, tmp_path: Path) -> None:

@@ -13,6 +13,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from qrobot.cli.arms import servo_settings
 from qrobot.config import load_deployment
 from qrobot.config.modbus_io import ModbusIo
 from qrobot.errors import ConfigError, LinkError
@@ -305,6 +306,16 @@ def test_an_answer_of_any_content_does_not_end_the_polling_of_a_module(table: Ta
         relay.spoil = lambda data: data[:at] + wild + data[at + len(wild) :]
         module.poll()
         module.close()
+
+
+def test_an_analogue_input_in_the_place_of_a_potentiometer_is_refused_with_its_joint(tmp_path: Path) -> None:
+    path = tmp_path / "here.toml"
+    analog = '[[arm.board.io]]\nhost = "127.0.0.1"\nanalog = [{ address = 0, channel = 5, volt_per_count = 0.001 }]\n'
+    path.write_text(LEFT + analog)
+    with pytest.raises(ConfigError, match=r"board\.io: channel 5 carries the potentiometer of joint 6"):
+        servo_settings(load_deployment(path).arm[0])
+    path.write_text(LEFT + "pots = false\n" + analog)
+    servo_settings(load_deployment(path).arm[0])
 
 
 def test_outputs_go_to_modules_beside_a_board_and_not_to_the_board(table: Table) -> None:
