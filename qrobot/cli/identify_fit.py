@@ -49,7 +49,7 @@ class IdentificationTask:
             raise ConfigError(f"--load-kg {asked.load_kg:g} needs a mass above zero, and --loaded with its logs")
         measured_on = _date(asked.date)
         rows, header = self.recorded
-        carried = read_rows(asked.loaded, like=header)[0] if asked.loaded else None
+        carried = read_rows(asked.loaded, like=header, beside=rows)[0] if asked.loaded else None
         robot, period_s = self._robot(header), header.period_ns * 1e-9
         found = identify_log(robot, rows, period_s, carried, asked.known_torque, asked.load_kg, _kinds(asked))
         runs = read_rows(asked.dynamic, like=header)[0] if asked.dynamic else None

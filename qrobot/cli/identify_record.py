@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -18,7 +18,7 @@ from qrobot.cli.console import err, note
 from qrobot.cli.logs import read_and_warn
 from qrobot.config import Robot
 from qrobot.config.deployment import DeployedArm
-from qrobot.errors import ConfigError, LogError
+from qrobot.errors import ConfigError, LinkError, LogError
 from qrobot.ident.excitation import Excitation, FourierRun
 from qrobot.ident.perform import MoveProgress as Told
 from qrobot.ident.perform import perform
@@ -31,6 +31,8 @@ from qrobot.servo.memory.telemetry import Rows
 from qrobot.units import US_PER_MS
 
 if TYPE_CHECKING:
+    from qrobot.log.follow import ServoFollower
+    from qrobot.log.read import Log
     from qrobot.log.writer import LogWriter
     from qrobot.rig.experiment import PlantName
     from qrobot.servo.memory.servo_memory import ServoInfo
@@ -71,40 +73,92 @@ def record_emulated(
 
 
 def record_running(arm: DeployedArm, robot: Robot, plan: ExcitationPlan | Excitation, output: Path, first: int) -> None:
-    """The same on the running arm: setpoints go over its bridge, the log is taken from its servo's memory."""
+    """The same on the running arm: setpoints go over its bridge, the log is taken from its servo's memory.
+
+    Raises:
+        LinkError: no servo runs, or it is not ready.
+        ConfigError: it drives another robot than the file tells of.
+        LogError: the log cannot be written, or not any more: the arm makes no further move then.
+    """
     with (
-        _recording(arm, robot, output),
+        _recording(arm, robot, output) as check_recorder,
         _bar(plan) as told,
         says_where_it_broke_off(told) as told_and_kept,
         rccl.use(link_of(arm)),
         rccl.control(arm.robot) as channel,
     ):
-        perform(channel, robot, plan, told_and_kept, first)
+
+        def begun(number: int, move: Swing | FourierRun) -> None:
+            check_recorder()
+            told_and_kept(number, move)
+
+        perform(channel, robot, plan, begun, first)
+        check_recorder()
 
 
 @contextmanager
-def _recording(arm: DeployedArm, robot: Robot, output: Path) -> Iterator[None]:
-    """A log of the running servo, from now on until the end."""
+def _recording(arm: DeployedArm, robot: Robot, output: Path) -> Iterator[Callable[[], None]]:
+    """A log of the running servo, from now on until the end; what is given raises LogError where it has ended before.
+
+    What the servo did before is no part of it: the arm may have carried something else.
+    """
     from qrobot.cli.log import recorded_header
-    from qrobot.log.follow import ServoFollower, follow, log_paths
+    from qrobot.log.follow import ServoFollower, log_paths
     from qrobot.log.writer import LogWriter
     from qrobot.servo.memory.servo_memory import attach_servo_memory
 
     attach_servo_memory(arm.name).close()  # says so when there is none
     paths = log_paths(output, arm.name)
 
-    def open_log(servo: ServoInfo, pid: int) -> LogWriter:
-        return LogWriter(next(paths), recorded_header(robot, servo, pid, arm.board.plant))
+    writers: list[LogWriter] = []
 
-    stop = threading.Event()
+    def open_log(servo: ServoInfo, pid: int) -> LogWriter:
+        writers.append(LogWriter(next(paths), recorded_header(robot, servo, pid, arm.board.plant)))
+        return writers[-1]
+
     with QueuedReport(note) as told:
-        thread = threading.Thread(target=follow, args=(ServoFollower(arm.name, open_log, told), stop), name="recorder")
-        thread.start()
+        follower = ServoFollower(arm.name, open_log, told, from_now=True)
+        follower.step(0)  # it begins here, before any move, or raises
+        if not follower.recording:
+            raise LinkError(f"the servo of {arm.name} is not ready: nothing would be recorded")
+        recorder = _Recorder(follower)
         try:
-            yield
+            yield recorder.check
         finally:
-            stop.set()
-            thread.join()
+            recorder.end()
+        recorder.check()
+    if not any(writer.status.rows for writer in writers):
+        raise LogError(f"the servo of {arm.name} wrote no cycle meanwhile: nothing is recorded")
+    if refused := [writer.last_error for writer in writers if writer.backlog]:
+        raise LogError(f"the log is incomplete: {refused[0]}")
+
+
+class _Recorder:
+    """A follower in a thread of its own, and what has ended it."""
+
+    def __init__(self, follower: ServoFollower) -> None:
+        self._follower, self._stop = follower, threading.Event()
+        self._error: Exception | None = None
+        self._thread = threading.Thread(target=self._run, name="recorder")
+        self._thread.start()
+
+    def check(self) -> None:
+        """Raise LogError when it has ended."""
+        if self._error is not None:
+            raise LogError(f"nothing is recorded any more: {self._error}") from self._error
+
+    def end(self) -> None:
+        """End the log."""
+        self._stop.set()
+        self._thread.join()
+
+    def _run(self) -> None:
+        from qrobot.log.follow import follow
+
+        try:
+            follow(self._follower, self._stop)
+        except Exception as error:  # who moves the arm is told, in another thread
+            self._error = error
 
 
 @contextmanager
@@ -139,8 +193,12 @@ def _bar(plan: ExcitationPlan | Excitation) -> Iterator[Told]:
         yield told
 
 
-def read_rows(logs: Sequence[Path], like: LogHeader | None = None) -> tuple[Rows, LogHeader]:
+def read_rows(
+    logs: Sequence[Path], like: LogHeader | None = None, beside: Rows | None = None
+) -> tuple[Rows, LogHeader]:
     """The rows of several logs of one robot at one rate, and the header of the first; `like` is that of others.
+
+    A cycle of a running servo that several logs have counts once, and not at all where it is among the rows `beside`.
 
     Raises:
         ConfigError: there is none.
@@ -153,7 +211,31 @@ def read_rows(logs: Sequence[Path], like: LogHeader | None = None) -> tuple[Rows
     for log in read:
         if differs := _difference(log.header, header):
             raise LogError(f"{log.path} is of {differs} in {logs[0] if like is None else 'the others'}")
-    return np.concatenate([log.rows for log in read]), header
+    kept: list[Rows] = [] if beside is None else [beside]
+    for log in read:
+        kept.append(_without(log, kept))
+    return np.concatenate(kept if beside is None else kept[1:]), header
+
+
+def _without(log: Log, others: Sequence[Rows]) -> Rows:
+    """The rows of a log of a running servo that `others` do not have; two cycles are one when number and time agree.
+
+    Virtual time begins anew in each log, so that it tells no cycles apart.
+    """
+    if log.header.wall_offset_ns == 0:
+        return log.rows
+    new = np.ones(log.rows.size, np.bool_)
+    for rows in others:
+        new &= ~np.isin(_cycles(log.rows), _cycles(rows))
+    if new.all():
+        return log.rows
+    note(f"{log.path}: {new.size - np.count_nonzero(new)} of its cycles are in another log as well, and count once")
+    return log.rows[new]
+
+
+def _cycles(rows: Rows) -> Rows:
+    """Number and time of each row, as one value to compare. Shape (m,)."""
+    return np.stack([rows["tick"], rows["t_ns"]], axis=1).view("V16")[:, 0]
 
 
 def _difference(header: LogHeader, other: LogHeader) -> str:

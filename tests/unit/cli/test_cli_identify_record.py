@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import errno
 import os
 import threading
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,17 +16,24 @@ import pytest
 from qrobot.cli.arms import choose_arm
 from qrobot.cli.identify_fit import IdentificationTask
 from qrobot.cli.identify_options import FitOptions
-from qrobot.cli.identify_record import _recording, read_rows, record_emulated, says_where_it_broke_off
+from qrobot.cli.identify_record import (
+    _recording,
+    read_rows,
+    record_emulated,
+    record_running,
+    says_where_it_broke_off,
+)
 from qrobot.config import load_robot
-from qrobot.errors import ConfigError, IdentificationError, LogError, ServoFault
+from qrobot.errors import ConfigError, IdentificationError, LogError, QRobotError, ServoFault
 from qrobot.faultcodes import FaultCode
+from qrobot.ident.perform import MoveProgress
 from qrobot.ident.plan import ExcitationPlan, Swing
 from qrobot.log.follow import LOOK_NS, ServoFollower
-from qrobot.log.header import LogHeader, header_for
+from qrobot.log.header import LOCKSTEP, LogHeader, header_for
 from qrobot.log.read import read_log
 from qrobot.log.record import write_log
 from qrobot.servo.memory.servo_memory import create_servo_memory, servo_info
-from qrobot.servo.memory.telemetry import TelemetryLayout, append_row
+from qrobot.servo.memory.telemetry import Rows, TelemetryLayout, append_row
 from tests.support.patience import PATIENCE_S
 from tests.support.processes import write_deployment
 
@@ -32,6 +41,7 @@ PUMA = load_robot("puma560")
 HEADER = header_for(PUMA, 1_000_000, "qrobot")
 
 POSE = Swing("pose 9", np.zeros(6), np.ones(6), 1.5, 0.25)
+PLAN = ExcitationPlan(PUMA.name, (POSE,), 1.0, 1.5)
 
 
 def break_off(error: BaseException, told: list[int]) -> None:
@@ -99,6 +109,118 @@ def test_a_full_disk_behind_the_lines_of_the_recorder_ends_no_recording(
     assert read_log(tmp_path / "run.mcap").rows.size == 100
 
 
+REAL = replace(HEADER, wall_offset_ns=1_700_000_000_000_000_000)
+
+
+def cycles(first: int, last: int, carried: float = 0.0) -> Rows:
+    """Rows of a running servo."""
+    rows = TelemetryLayout(PUMA.n).empty(last - first)
+    rows["tick"] = np.arange(first, last)
+    rows["t_ns"] = 5_000_000_123 + rows["tick"] * REAL.period_ns
+    rows["q"][:, 0] = carried
+    return rows
+
+
+def test_cycles_that_several_logs_have_count_once_and_with_the_first_that_has_them(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    first = write_log(tmp_path / "first.mcap", cycles(0, 300), REAL)[0]
+    second = write_log(tmp_path / "second.mcap", cycles(200, 500), REAL)[0]
+    rows, _ = read_rows([first, second])
+    assert rows["tick"].tolist() == list(range(500))
+    assert "second.mcap: 100 of its cycles are in another log" in " ".join(capsys.readouterr().err.split())
+    carried, _ = read_rows([second], REAL, beside=cycles(0, 300))
+    assert carried["tick"].tolist() == list(range(300, 500))
+    assert read_rows([first, first])[0].size == 300
+
+
+def test_runs_on_virtual_time_are_taken_whole_and_so_are_those_of_another_servo(tmp_path: Path) -> None:
+    later = cycles(0, 300)
+    later["t_ns"] += 1
+    for header, rows in ((HEADER, cycles(0, 300)), (replace(HEADER, clock=LOCKSTEP), cycles(0, 300)), (REAL, later)):
+        logs = [write_log(tmp_path / f"{n}.mcap", made, header)[0] for n, made in ((1, cycles(0, 300)), (2, rows))]
+        assert read_rows(logs)[0].size == 600
+
+
+class OneMove:
+    """What `record_running` needs of an arm and a plan whose moves are told to `moved`."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch, between: Callable[[], None] = lambda: None) -> None:
+        self.moved: list[int] = []
+
+        def perform(_arm: object, _robot: object, _plan: object, told: MoveProgress, first: int) -> None:
+            for number in range(first, first + 3):
+                told(number, POSE)
+                self.moved.append(number)
+                between()
+
+        monkeypatch.setattr("qrobot.cli.identify_record.perform", perform)
+        for name in ("use", "control"):
+            monkeypatch.setattr(f"qrobot.rccl.{name}", lambda *_: contextlib.nullcontext())
+        monkeypatch.setattr("qrobot.cli.identify_record.link_of", lambda _arm: None)
+
+
+@pytest.mark.parametrize(
+    ("robot", "ready", "complaint"), [("stanford", 1, "the servo runs 'stanford'"), ("puma560", 0, "is not ready")]
+)
+def test_an_arm_that_would_not_be_recorded_makes_no_move(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, robot: str, ready: int, complaint: str
+) -> None:
+    name, arm = f"unready{os.getpid()}", OneMove(monkeypatch)
+    deployment = choose_arm(str(write_deployment(tmp_path, name=name)), None)
+    with create_servo_memory(name, robot, "qrobot", PUMA.n, HEADER.period_ns, 256) as memory:
+        memory.front.info.ready = ready
+        with pytest.raises(QRobotError, match=complaint):
+            record_running(deployment, PUMA, PLAN, tmp_path / "run.mcap", 0)
+    assert arm.moved == []
+
+
+def test_a_recorder_that_has_ended_ends_the_moves_and_says_with_which_to_go_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    name, ended = f"ended{os.getpid()}", threading.Event()
+    arm = OneMove(monkeypatch, between=lambda: ended.wait(PATIENCE_S) or None)
+
+    def die(follower: ServoFollower, _stop: threading.Event) -> None:
+        follower.close()
+        ended.set()
+        raise LogError("an old part cannot be removed")
+
+    monkeypatch.setattr("qrobot.log.follow.follow", die)
+    monkeypatch.setattr("qrobot.cli.log.recorded_header", lambda *_: REAL)
+    deployment = choose_arm(str(write_deployment(tmp_path, name=name)), None)
+    with create_servo_memory(name, PUMA.name, "qrobot", PUMA.n, HEADER.period_ns, 256) as memory:
+        memory.front.info.ready = 1
+        with pytest.raises(LogError, match="nothing is recorded any more: an old part cannot be removed"):
+            record_running(deployment, PUMA, PLAN, tmp_path / "run.mcap", 4)
+    assert arm.moved in ([], [4])
+
+
+def test_a_recording_begins_where_the_command_did(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def wait_and_close(follower: ServoFollower, stop: threading.Event) -> None:
+        assert stop.wait(PATIENCE_S)
+        follower.close()
+
+    monkeypatch.setattr("qrobot.log.follow.follow", wait_and_close)
+    monkeypatch.setattr("qrobot.cli.log.recorded_header", lambda *_: REAL)
+    name, layout = f"begun{os.getpid()}", TelemetryLayout(PUMA.n)
+    deployment = choose_arm(str(write_deployment(tmp_path, name=name)), None)
+    with create_servo_memory(name, PUMA.name, "qrobot", PUMA.n, HEADER.period_ns, 256) as memory:
+        memory.front.info.ready = 1
+        base = servo_info(memory.words).telemetry_base
+
+        def run(first: int, last: int) -> None:
+            for row in cycles(first, last).view(np.int64).reshape(-1, layout.row_words):
+                append_row(memory.words, base, 256, layout.row_words, row)
+
+        run(0, 100)
+        with _recording(deployment, PUMA, tmp_path / "run.mcap"):
+            run(100, 150)
+        with pytest.raises(LogError, match="wrote no cycle"), _recording(deployment, PUMA, tmp_path / "none.mcap"):
+            pass
+    assert read_log(tmp_path / "run.mcap").rows["tick"].tolist() == list(range(100, 150))
+
+
 SHORTER = replace(HEADER, robot_digest="0123456789abcdef")
 
 
@@ -138,5 +260,5 @@ def test_a_recording_names_the_law_of_a_file_without_its_folder(
     arm = choose_arm("emulator", None)
     arm = arm.model_copy(update={"servo": arm.servo.model_copy(update={"law": f"{tmp_path}/soft.py:spring"})})
     monkeypatch.setattr("qrobot.rig.identify.record_lockstep", lambda *_: TelemetryLayout(6).empty(3))
-    record_emulated(arm, PUMA, ExcitationPlan(PUMA.name, (POSE,), 1.0, 1.5), tmp_path / "run.mcap", "nominal", 0, 0.0)
+    record_emulated(arm, PUMA, PLAN, tmp_path / "run.mcap", "nominal", 0, 0.0)
     assert read_log(tmp_path / "run.mcap").header.law == "soft.py:spring"
