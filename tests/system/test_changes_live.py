@@ -11,7 +11,6 @@ was lost, as long as somebody else saw that this machine kept processes from run
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from contextlib import suppress
 from itertools import pairwise
 from random import Random
 from typing import Any, NamedTuple
@@ -36,7 +35,7 @@ from tests.support.processes import UNHURRIED_MS, RunningArm, events_of, running
 from tests.support.puma import LIMITS, PARK, ROBOT
 from tests.support.puma import arm as puma
 from tests.support.shared_arm import return_to_start, settle
-from tests.support.stall_watch import watch_for_stalls
+from tests.support.stall_watch import StreamLostError, unless_stalled
 
 pytestmark = pytest.mark.realtime
 
@@ -62,7 +61,6 @@ MODES = {
 OFF_RAD = 5e-4  # [A] interpolation between samples of 100 ms leaves the turns of this path by 0.13 mrad
 NEAR_M = 0.06
 SEED = 2
-TRIES = 5
 MISSED_BITS = 16  # of the flags in a row: from here on, the frames missed one after the other
 BENT_FRAMES = 5  # [A] after one that is missed: a reference is made of four setpoints
 EACH = 10  # cycles between two places that are looked at
@@ -101,10 +99,6 @@ def push_lap(arm: rccl.Channel) -> None:
     arm.setmode("cartesian")
     arm.setime(TURN_MS, LEG_MS)
     arm.move(rccl.makeposition("back", rccl.t6, rccl.EQ, park, rccl.TL, park))
-
-
-class StreamLostError(Exception):
-    """The servo had no setpoints for longer than the program is allowed to be late."""
 
 
 class Disturber:
@@ -176,13 +170,12 @@ class Disturber:
 
 def undisturbed_stream(running: RunningArm) -> Run:
     """A run whose stream was not lost: made again when it was, if this machine kept processes from running."""
-    for _ in range(TRIES):
-        with watch_for_stalls() as late, suppress(StreamLostError):
-            return disturbed_run(running, Random(SEED))
-        assert late, "the stream was lost, and each processor was free for those that wanted it"
+
+    def begin_anew() -> None:
         settle(running)
         return_to_start(running)
-    raise AssertionError(f"this machine stalled in each of {TRIES} runs")
+
+    return unless_stalled(lambda: disturbed_run(running, Random(SEED)), begin_anew)
 
 
 def disturbed_run(running: RunningArm, random: Random) -> Run:

@@ -34,6 +34,7 @@ from tests.support.patience import PATIENCE_S, give_time, wait_until
 from tests.support.processes import RunningArm, free_port, qrobot
 from tests.support.relay import Relay
 from tests.support.shared_arm import SharedArm
+from tests.support.stall_watch import StreamLostError, unless_stalled
 
 pytestmark = pytest.mark.realtime
 
@@ -418,8 +419,7 @@ def a_program_is_paused_while_no_page_drives_led_back_to_its_path_and_ended_by_s
     """Begins with a page that drives, and has let go of the arm; so it ends."""
     page.click("tab-programs")
     page.click_at(f'[data-name="{ONCE}"]')
-    while not goes_to_its_end(page):
-        pass
+    unless_stalled(lambda: go_to_the_end(page))
     wait_until(lambda: points_ahead(page) == 0, "nothing is ahead")
 
     page.click_at(f'[data-name="{PROGRAM}"]')
@@ -457,23 +457,22 @@ def the_path_ahead_of_one_that_returns_is_not_cut_short(page: Page) -> None:
     assert page.run(THERE_AND_BACK, [0.2, 0.5, 1.0, 0.8, 0.3]) == [181, 151, 101, 81, 31]
 
 
-def goes_to_its_end(page: Page) -> bool:
-    """Run the chosen program off line, and live along the path that was found; False when its stream was lost.
+def go_to_the_end(page: Page) -> None:
+    """Run the chosen program off line, and live along the path that was found.
 
-    A machine that stalls may cost it that, and a program that does not keep its path has ended then.
+    Raises StreamLostError: as a machine that stalls may bring about; a program that keeps no path has ended then.
     """
     page.click("start-offline")
     wait_until(lambda: state_of_program(page) == "done" and points_ahead(page) > 0, lambda: how_it_ran(page))
     ahead = points_ahead(page)
     page.click("start-live")
     page.click("start-sure")
-    if not comes_to(page, lambda: 0 < points_ahead(page) < ahead / 2, "the arm has come over half of it"):
-        return False
-    return comes_to(page, lambda: state_of_program(page) == "done", "the program is done")
+    come_to(page, lambda: 0 < points_ahead(page) < ahead / 2, "the arm has come over half of it")
+    come_to(page, lambda: state_of_program(page) == "done", "the program is done")
 
 
-def comes_to(page: Page, place: Callable[[], bool], what: str) -> bool:
-    """Wait until the program comes there; False: its stream was lost. A page that has lost its lease drives again."""
+def come_to(page: Page, place: Callable[[], bool], what: str) -> None:
+    """Wait until the program comes there. Raises StreamLostError. A page that has lost its lease drives again."""
 
     def there_or_failed() -> bool:
         if not page.run("return pendant.driving"):
@@ -482,10 +481,9 @@ def comes_to(page: Page, place: Callable[[], bool], what: str) -> bool:
         return place() or state_of_program(page) == "failed"
 
     wait_until(there_or_failed, lambda: f"{what}: {how_it_ran(page)}")
-    if state_of_program(page) != "failed":
-        return True
-    wait_until(lambda: "STREAM_LOST" in output_of(page), lambda: how_it_ran(page))
-    return False
+    if state_of_program(page) == "failed":
+        wait_until(lambda: "STREAM_LOST" in output_of(page), lambda: how_it_ran(page))
+        raise StreamLostError
 
 
 def output_of(page: Page) -> str:
