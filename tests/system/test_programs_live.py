@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +20,8 @@ from qrobot.rccl.setpoints import Setpoints, read_setpoints, write_setpoints
 from tests.support import puma
 from tests.support.processes import UNHURRIED_MS, RunningArm, events_of
 from tests.support.puma import ROBOT, shift
+from tests.support.shared_arm import settle
+from tests.support.stall_watch import StreamLostError, unless_stalled
 
 pytestmark = pytest.mark.realtime
 
@@ -74,12 +76,17 @@ def say(arm: RunningArm, capsys, monkeypatch) -> Say:
     """A command that is well, and the servo after it; what it said on stdout and stderr."""
     monkeypatch.setenv("QROBOT_BRIDGE", f"{arm.arm.bridge.host}:{arm.arm.bridge.port}")
 
-    def say(name: str, *words: str | Path) -> tuple[str, str]:
-        status = run_app(make_app(name), [name, "--deployment", str(arm.deployment), *map(str, words)])
+    def say_once(name: str, words: Iterable[str]) -> tuple[str, str]:
+        status = run_app(make_app(name), [name, "--deployment", str(arm.deployment), *words])
         said = capsys.readouterr()
+        if status and "STREAM_LOST" in said.err:
+            raise StreamLostError
         assert status == 0, said.err
         arm.wait_for(Mode.HOLDING)
         return said.out, said.err
+
+    def say(name: str, *words: str | Path) -> tuple[str, str]:
+        return unless_stalled(lambda: say_once(name, map(str, words)), lambda: settle(arm))
 
     return say
 
@@ -163,11 +170,10 @@ def test_one_equation_leads_a_running_arm_to_four_places_on_a_table_that_turns_s
     ]
     assert run_app(make_app("run"), words) == 0
     places = places_in(capsys.readouterr().out)
-    before = arm.snapshot().tick
     printed, _ = say("run", "--output", tmp_path / "live", program)
     assert (tmp_path / "live" / "path.png").exists()  # asked for and flown
     rows = arm.telemetry()
-    rows = rows[rows["tick"] > before]
+    rows = rows[np.flatnonzero(rows["mode"] == Mode.POWERING)[-1] :]
     assert not events_of(rows)
     way = 1e3 * np.array([(Arm(ROBOT).forward(q) @ TOOL)[:2, 3] for q in rows["q"][::10]])
     away = np.linalg.norm(way[:, None] - places, axis=2)
