@@ -86,8 +86,10 @@ def import_urdf(path: Path, tip: str | None = None, like: str | None = None, bes
     """
     chain = serial_chain(read_urdf(path), tip)
     told = _told(chain, path)
-    document = _merged_document(told, like, beside)
-    _fit_torque_limits(document, chain)
+    own = {} if beside is None else _sections_beside(beside)
+    document = _merged_document(told, like, own)
+    if "tau_max" not in own.get("guard", {}):
+        _fit_torque_limits(document, chain)
     _complete_poses(document, told.notes)
     _fit_counters(document, told.notes)
     return Imported(_robot(document, path, like), document, tuple(told.notes))
@@ -209,15 +211,15 @@ def _tell_friction(told: _Told, links: tuple[ChainLink, ...]) -> None:
     told.notes.append("friction is that of the URDF; many are made for a simulation alone")
 
 
-def _merged_document(told: _Told, like: str | None, beside: Path | None) -> Document:
-    """The sections of `like`, over them those of the URDF, over them those of the file beside."""
+def _merged_document(told: _Told, like: str | None, own: Document) -> Document:
+    """The sections of `like`, over them those of the URDF, over them the user's `own`."""
     document: Document = {} if like is None else _borrowed(like, told.joints)
     document["joints"] = told.joints
     document["name"] = told.name
     document["about"] = f"made of {told.source}" + ("" if like is None else f", drives and gains as {like}")
     for section, table in told.sections.items():
         _overlay(document, section.split("."), table)
-    for section, table in ({} if beside is None else _sections_beside(beside)).items():
+    for section, table in own.items():
         _overlay(document, [section], table)
     return document
 
@@ -277,9 +279,9 @@ def _fit_torque_limits(document: Document, chain: SerialChain) -> None:
     scales = _row(document.get("transmission", {}).get("dac_per_Nm"))
     if not all(efforts) or scales is None or len(scales) != len(efforts) or not (np.abs(scales) > 0.0).all():
         return
-    most = np.minimum(np.array(efforts, dtype=np.float64), DAC_HALF_RANGE / np.abs(scales))
+    most = DAC_HALF_RANGE / np.abs(scales)  # not rounded: what is rounded up is more than the converters can ask for
     guard = document.setdefault("guard", {"source": {}})
-    guard["tau_max"] = _plain(most)
+    guard["tau_max"] = np.minimum(_plain(efforts), most).tolist()
     guard.setdefault("source", {})["tau_max"] = "URDF: effort, at most what the converters can ask for"
 
 

@@ -107,7 +107,8 @@ def make_excitation(
     """
     if runs < FEWEST:
         raise IdentificationError(f"{runs} runs are too few: at least {FEWEST}, of which one is held back")
-    search = _DesignSearch(robot, regressor, base, np.random.default_rng(seed))
+    clearance = Clearance(robot)
+    search = _DesignSearch(robot, regressor, base, clearance, np.random.default_rng(seed))
     candidates = list(search.candidates())
     if len(candidates) < runs:
         raise IdentificationError(
@@ -119,7 +120,7 @@ def make_excitation(
     motions = search.improved(chosen, lengths)
     stacked = np.concatenate([search.columns(motion) for motion in motions])
     condition = float(np.linalg.cond(stacked / np.linalg.norm(stacked, axis=0)))
-    named = tuple(_routed(robot, motions))
+    named = tuple(_routed(robot, clearance, motions))
     return Excitation(robot.name, named, condition, _estimate(robot, named))
 
 
@@ -130,6 +131,7 @@ class _DesignSearch:
     robot: Robot
     regressor: Regressor
     base: BaseParameters
+    clearance: Clearance
     random: np.random.Generator
 
     def candidates(self) -> Iterator[Fourier]:
@@ -194,11 +196,11 @@ class _DesignSearch:
         return np.asarray(np.minimum(by_range, SPEED_SHARE * np.minimum(*by_rates)))
 
     def _may(self, motion: Fourier) -> bool:
-        """No torque is too large by the robot file, and the arm stays clear."""
-        states, clearance = _states(motion), Clearance(self.robot)
+        """No torque is too large by the robot file, and the arm stays clear, between `ready` and the run too."""
+        states = _states(motion)
         torque = np.abs(expected_torque(self.robot, self.regressor, states))
         light = bool((torque <= TORQUE_SHARE * self.robot.guard.tau_max).all())
-        return light and clearance.of_path(states.q)
+        return light and self.clearance.of_path(np.concatenate([self.robot.poses[READY][None], states.q]))
 
 
 def expected_torque(robot: Robot, regressor: Regressor, states: States) -> Floats:
@@ -213,9 +215,9 @@ def _states(motion: Fourier) -> States:
     return motion.at(np.linspace(0.0, motion.seconds, SUBSAMPLES))
 
 
-def _routed(robot: Robot, motions: list[Fourier]) -> Iterator[FourierRun]:
-    """Moves by way of `ready` where the straight way to the next is not clear."""
-    clearance, at = Clearance(robot), robot.poses[READY]
+def _routed(robot: Robot, clearance: Clearance, motions: list[Fourier]) -> Iterator[FourierRun]:
+    """Moves by way of `ready`, which is clear for all, where the straight way to the next is not."""
+    at = robot.poses[READY]
     for number, motion in enumerate(motions, 1):
         yield FourierRun(f"run {number}", motion, by_ready=not clearance.of_way(at, motion.start))
         at = motion.start

@@ -195,18 +195,19 @@ def _swing(robot: Robot, name: str, centre: Floats, half: Floats, share: float) 
 
 
 def _sweeps(robot: Robot, clearance: Clearance, centres: list[Floats], speeds: tuple[float, ...]) -> Iterator[Swing]:
-    """Each joint alone, at several speeds, around the first of the centres where that is clear.
+    """Each joint alone, at several speeds, around the first of the centres where it is clear, and the way from `ready`.
 
     Raises:
         IdentificationError: there is none.
     """
+    ready = robot.poses[READY]
     for joint, name in enumerate(robot.joint_names):
         for share in speeds:
             half, span = np.zeros(robot.n), robot.limits.q_max[joint] - robot.limits.q_min[joint]
             wanted = 0.5 * share * robot.limits.v_max[joint] * _seconds(robot, share)
             half[joint] = min(wanted, (0.5 - 2.0 * RANGE_MARGIN) * span)
             inside = (np.clip(centre, *_range(robot, half)) for centre in centres)
-            clear = (centre for centre in inside if clearance.of_way(centre - half, centre + half))
+            clear = (centre for centre in inside if clearance.of_path(np.stack([ready, centre - half, centre + half])))
             if (centre := next(clear, None)) is None:
                 raise IdentificationError(
                     f"sweeping {name} comes too near to the floor or to the arm itself wherever it is tried"
@@ -215,7 +216,7 @@ def _sweeps(robot: Robot, clearance: Clearance, centres: list[Floats], speeds: t
 
 
 def _in_order(robot: Robot, clearance: Clearance, through: list[Swing], sweeps: list[Swing]) -> Iterator[Swing]:
-    """Poses, the nearest next; then the sweeps. By way of `ready` where the straight way is not clear."""
+    """Poses, the nearest next; then the sweeps. By way of `ready`, clear for all, where the straight way is not."""
     at = robot.poses[READY]
     while through or sweeps:
         pool = through or sweeps[:1]

@@ -12,6 +12,7 @@ from qrobot.faultcodes import explain
 from qrobot.rig.perturbed_arm import PerturbedArm
 from qrobot.servo.kernels.velocity import DEFAULT_ESTIMATOR, find_estimator
 from qrobot.servo.laws import DEFAULT_LAW, check_law_name
+from qrobot.servo.laws.file import is_file_law, law_digest
 from qrobot.servo.settings import ServoSettings
 from qrobot.study.study import ArmResult, Study, kept
 from qrobot.study.tracking_run import track_experiment
@@ -42,6 +43,11 @@ class GainStudy(Study):
         find_estimator(self.velocity)
         if not (self.bandwidths and self.dampings and min(*self.bandwidths, *self.dampings) > 0.0):
             raise ConfigError(f"bandwidths {self.bandwidths} and dampings {self.dampings}: factors above 0 are wanted")
+
+    @property
+    def terms(self) -> ArmResult:
+        """Parameters of every study; a law in a file counts by its text, not by its name alone. Raises ConfigError."""
+        return super().terms | ({"law_text": law_digest(self.law)[:16]} if is_file_law(self.law) else {})
 
     def judge(self, seed: int) -> ArmResult:
         """Try each pair on one arm.

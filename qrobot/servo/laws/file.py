@@ -28,6 +28,11 @@ def split_name(name: str) -> tuple[str, str]:
     return (path, law) if colon else (law, "")
 
 
+def law_digest(name: str) -> str:
+    """Digest of the text of the file that a law stands in. Raises ConfigError when there is none."""
+    return hashlib.sha256(_text(Path(split_name(name)[0]))).hexdigest()
+
+
 def load_law(name: str, robot: Robot) -> Law:
     """The law in a file, for a robot. The file is run, as any program of the user's.
 
@@ -55,10 +60,7 @@ def load_law(name: str, robot: Robot) -> Law:
 
 def _module(file: Path) -> ModuleType:
     """The file as a module; one that has changed since is run anew."""
-    try:
-        text = file.read_bytes()
-    except OSError as error:
-        raise ConfigError(f"no law file {file}: {error_text(error)}") from error
+    text = _text(file)
     digest = hashlib.sha256(file.resolve().as_posix().encode() + text).hexdigest()[:16]
     name = f"qrobot_user_laws.{file.stem}_{digest}"
     if name in sys.modules:
@@ -77,6 +79,13 @@ def _module(file: Path) -> ModuleType:
         del sys.modules[name]
         raise ConfigError(f"{place_of(file, error)}: {type(error).__name__}: {error}") from error
     return module
+
+
+def _text(file: Path) -> bytes:
+    try:
+        return file.read_bytes()
+    except OSError as error:
+        raise ConfigError(f"no law file {file}: {error_text(error)}") from error
 
 
 def place_of(file: Path, error: BaseException) -> str:

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from qrobot.config import Robot, load_robot
+from qrobot.config.robot import DAC_HALF_RANGE
 from qrobot.errors import ConfigError
 from qrobot.exchange.denavit_hartenberg import denavit_hartenberg
 from qrobot.exchange.robot_document import robot_document, robot_text, write_robot
@@ -235,6 +236,33 @@ def test_encoders_that_somebody_told_are_not_changed_but_refused(tmp_path: Path)
     )
     with pytest.raises(ConfigError, match=r"counter of joint 1 would go from -.*: fewer counts_per_rev"):
         import_urdf(far_turning(tmp_path), like="puma560", beside=sections)
+
+
+def test_torque_limits_of_a_file_beside_win_over_efforts(tmp_path: Path) -> None:
+    """Many URDFs tell an effort of 1000, and the user knows better."""
+    path, beside = tmp_path / "arm.urdf", tmp_path / "drives.toml"
+    path.write_text(re.sub('effort="[^"]*"', 'effort="1000"', urdf_text(load_robot("puma560"))))
+    beside.write_text('[guard]\ntau_max = [30, 40, 20, 5, 5, 5]\n[guard.source]\ntau_max = "measured"\n')
+    made = import_urdf(path, like="puma560", beside=beside)
+    np.testing.assert_array_equal(made.robot.guard.tau_max, [30.0, 40.0, 20.0, 5.0, 5.0, 5.0])
+    assert made.document["guard"]["source"]["tau_max"] == "measured"
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_an_effort_beyond_the_converters_becomes_what_they_can_ask_for(name: str, tmp_path: Path) -> None:
+    path, made = tmp_path / "arm.urdf", tmp_path / "made.toml"
+    path.write_text(re.sub('effort="[^"]*"', 'effort="1000"', urdf_text(load_robot(name))))
+    write_robot(made, import_urdf(path, like=name).document)
+    most = DAC_HALF_RANGE / np.abs(load_robot(name).transmission.dac_per_Nm)
+    np.testing.assert_array_equal(load_robot(made).guard.tau_max, most)
+
+
+def test_efforts_are_the_limits_of_torque_where_no_file_tells_them(tmp_path: Path) -> None:
+    path = tmp_path / "arm.urdf"
+    path.write_text(re.sub('effort="[^"]*"', 'effort="3"', urdf_text(load_robot("puma560"))))
+    made = import_urdf(path, like="puma560")
+    np.testing.assert_array_equal(made.robot.guard.tau_max, np.full(6, 3.0))
+    assert made.document["guard"]["source"]["tau_max"].startswith("URDF: effort")
 
 
 def test_what_a_urdf_does_not_tell_is_asked_for_by_name(tmp_path: Path) -> None:

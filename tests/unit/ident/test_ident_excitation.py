@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from functools import cache
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from qrobot.config import load_robot
+from qrobot.config.robot import robot_path
 from qrobot.errors import IdentificationError
 from qrobot.ident.base import BaseParameters, base_of_robot
 from qrobot.ident.clearance import Clearance
-from qrobot.ident.excitation import FEWEST, RUN_S, Excitation, expected_torque, make_excitation
+from qrobot.ident.excitation import FEWEST, RUN_S, RUNS, Excitation, expected_torque, make_excitation
 from qrobot.ident.fourier import Fourier
 from qrobot.ident.perform import setpoints_of
 from qrobot.ident.regressor import Regressor, inertial_regressor
@@ -20,6 +22,7 @@ from qrobot.motion import motion_limits
 
 PUMA = load_robot("puma560")
 N = PUMA.n
+READY = "ready = [0, -90, 90, 0, 0, 0]"
 
 
 @cache
@@ -76,6 +79,26 @@ def test_every_run_is_clear_all_along_and_so_is_the_way_to_it() -> None:
         assert all(clearance.of_way(begin, end) for begin, end in pairwise(stops))
         assert all(map(clearance.of_pose, run.motion.at(np.linspace(0.0, RUN_S, 400)).q))
         at = run.motion.start
+
+
+@pytest.mark.parametrize("name", ["puma560", "stanford"])
+def test_the_way_between_ready_and_every_run_is_clear(name: str) -> None:
+    """The first run is gone to from there, any by --first N, and the arm goes back there after the last."""
+    robot = load_robot(name)
+    regressor = inertial_regressor(robot)
+    for seed in range(2):
+        runs = make_excitation(robot, regressor, base_of_robot(robot, regressor), RUNS, seed).runs
+        assert all(Clearance(robot).of_way(robot.poses["ready"], run.motion.start) for run in runs), seed
+
+
+def test_a_run_that_no_clear_way_leads_to_is_not_made(tmp_path: Path) -> None:
+    """An arm waits folded, its hand bent: half a turn of the wrist would lead the hand through the upper arm."""
+    path = tmp_path / "puma560.toml"
+    path.write_text(robot_path("puma560").read_text().replace(READY, "ready = [0, -90, 240, -90, 100, 0]"))
+    robot = load_robot(path)
+    clearance, ready, regressor = Clearance(robot), robot.poses["ready"], inertial_regressor(robot)
+    runs = make_excitation(robot, regressor, base_of_robot(robot, regressor), RUNS, seed=2).runs
+    assert all(clearance.of_way(ready, run.motion.start) for run in runs)
 
 
 def test_runs_are_setpoints_that_an_arm_accepts() -> None:

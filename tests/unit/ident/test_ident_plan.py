@@ -14,7 +14,7 @@ from qrobot.errors import IdentificationError
 from qrobot.ident.base import BaseParameters, base_of_robot
 from qrobot.ident.clearance import Clearance
 from qrobot.ident.excitation import RUN_S, RUNS
-from qrobot.ident.plan import PASS_S, ExcitationPlan, choose_informative, make_plan
+from qrobot.ident.plan import PASS_S, ExcitationPlan, _sweeps, choose_informative, make_plan
 from qrobot.ident.regressor import Regressor, gravity_regressor
 
 NAMES = ("puma560", "stanford")
@@ -63,6 +63,28 @@ def test_every_swing_and_every_way_between_is_clear(name: str) -> None:
         stops = [at, robot.poses["ready"], swing.low] if swing.by_ready else [at, swing.low]
         assert all(clearance.of_way(begin, end) for begin, end in zip(stops, [*stops[1:], swing.high], strict=True))
         at = swing.low
+
+
+@ROBOTS
+def test_the_way_between_ready_and_every_swing_is_clear(name: str) -> None:
+    """The first swing is gone to from there, any by --first N, and the arm goes back there after the last."""
+    robot = load_robot(name)
+    clearance = Clearance(robot)
+    swings = [swing for seed in range(2) for swing in make_plan(*base(name), seed=seed, slow=True).swings]
+    assert all(clearance.of_path(np.stack([robot.poses["ready"], swing.low, swing.high])) for swing in swings)
+
+
+def test_a_joint_is_not_swept_where_no_clear_way_leads(tmp_path: Path) -> None:
+    """An arm waits folded, its hand bent: half a turn of the wrist would lead the hand through the upper arm."""
+    folded, beyond, above = [0, -90, 240, -90, 100, 0], [0, -90, 225, 90, 90, 0], [0, -90, 90, 0, 0, 0]
+    path = tmp_path / "puma560.toml"
+    path.write_text(robot_path("puma560").read_text().replace(f"ready = {above}", f"ready = {folded}"))
+    robot = load_robot(path)
+    clearance, centres = Clearance(robot), [np.radians(beyond), np.radians(above)]
+    waist = next(_sweeps(robot, clearance, centres, (0.1,)))
+    assert clearance.of_way(centres[0] - waist.half, centres[0] + waist.half)
+    assert not clearance.of_way(robot.poses["ready"], centres[0] - waist.half)
+    np.testing.assert_array_equal(waist.centre, centres[1])
 
 
 @ROBOTS

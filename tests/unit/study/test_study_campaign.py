@@ -13,6 +13,7 @@ from distributed import LocalCluster
 from qrobot.errors import ConfigError, IdentificationError, LinkError
 from qrobot.study.campaign import carry_out
 from qrobot.study.engine import Engine, InProcess, engine
+from qrobot.study.gains import GainStudy
 from qrobot.study.results import read_results
 from qrobot.study.study import ArmResult, Study, attempt, kept
 
@@ -87,6 +88,23 @@ def test_a_worker_with_another_program_is_named_and_its_outcome_not_kept() -> No
     study = Squares()
     with pytest.raises(ConfigError, match="has another code and robot than this one"):
         attempt(study, study.terms | {"code": "0", "robot": "1"}, 0)
+
+
+def test_outcomes_of_two_versions_of_a_law_are_not_mixed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The law's path alone is the same before and after its file was edited."""
+    monkeypatch.setattr(GainStudy, "judge", lambda _study, seed: {"seed": seed})
+    law, path = tmp_path / "my_laws.py", tmp_path / "r.jsonl"
+    law.write_text("gain = 1.0\n")
+    study = GainStudy(law=f"{law}:mine")
+    carry_out(study, 1, HERE, path)
+    assert len(carry_out(study, 2, HERE, path).outcomes) == 2
+    law.write_text("gain = 2.0\n")
+    with pytest.raises(ConfigError, match="results of another law_text"):
+        carry_out(study, 3, HERE, path)
+    law.unlink()
+    with pytest.raises(ConfigError, match="no law file"):
+        carry_out(study, 3, HERE, path)
+    assert "law_text" not in GainStudy().terms
 
 
 def test_numbers_are_kept_with_six_digits() -> None:
