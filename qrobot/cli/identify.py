@@ -9,7 +9,7 @@ import numpy as np
 from cyclopts import App
 from rich.table import Table
 
-from qrobot.cli.arms import DEFAULT_DEPLOYMENT, choose_arm, robot_of_arm
+from qrobot.cli.arms import DEFAULT_DEPLOYMENT, choose_arm, fences_of_arm, robot_of_arm
 from qrobot.cli.console import note, out, plain_table, print_table, write_json
 from qrobot.cli.identify_options import FitOptions, KnownTorque, PlanOptions, RobotFile
 from qrobot.cli.option_types import LoadKg, MoveNumber, OutputFile, OutputLog
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from qrobot.arrays import Floats
     from qrobot.config import Robot
     from qrobot.config.identified import IdentifiedModel
+    from qrobot.fences.fence_set import FenceSet
     from qrobot.ident.base import BaseParameters
     from qrobot.ident.excitation import Excitation, FourierRun
     from qrobot.ident.plan import ExcitationPlan, Swing
@@ -64,8 +65,9 @@ def plan(
     json
         Print the plan as JSON, positions in rad.
     """
-    robot = robot_of_arm(choose_arm(deployment, arm))
-    made, base = _made(robot, options or PlanOptions())
+    chosen = choose_arm(deployment, arm)
+    robot = robot_of_arm(chosen)
+    made, base = _made(robot, options or PlanOptions(), fences_of_arm(chosen))
     if json:
         write_json(made.to_dict() | {"parameters": _combinations(base), "untold": list(base.unseen)})
         return
@@ -115,7 +117,7 @@ def record(
 
     chosen = choose_arm(deployment, arm)
     robot = robot_of_arm(chosen)
-    made, _ = _made(robot, options or PlanOptions())
+    made, _ = _made(robot, options or PlanOptions(), fences_of_arm(chosen))
     if output.suffix != ".mcap":
         raise ConfigError(f"the log {output} must end in .mcap")
     if not 1 <= first <= len(made.moves):
@@ -249,30 +251,30 @@ def show(model: Path, deployment: str = DEFAULT_DEPLOYMENT, *, arm: str | None =
     _report(robot, load_model(model, robot), json)
 
 
-def _made(robot: Robot, options: PlanOptions) -> tuple[ExcitationPlan | Excitation, BaseParameters]:
-    if options.dynamic:
-        return _excited(robot, options.seed)
-    return _planned(robot, options.poses, options.seed, options.slow)
+def _made(
+    robot: Robot, options: PlanOptions, fences: FenceSet | None
+) -> tuple[ExcitationPlan | Excitation, BaseParameters]:
+    return (_excited if options.dynamic else _planned)(robot, options, fences)
 
 
-def _planned(robot: Robot, poses: int, seed: int, slow: bool) -> tuple[ExcitationPlan, BaseParameters]:
+def _planned(robot: Robot, options: PlanOptions, fences: FenceSet | None) -> tuple[ExcitationPlan, BaseParameters]:
     from qrobot.ident.base import base_of_robot
     from qrobot.ident.plan import make_plan
     from qrobot.ident.regressor import gravity_regressor
 
     regressor = gravity_regressor(robot)
     base = base_of_robot(robot, regressor)
-    return make_plan(robot, regressor, base, poses, seed, slow), base
+    return make_plan(robot, regressor, base, options.poses, options.seed, options.slow, fences), base
 
 
-def _excited(robot: Robot, seed: int) -> tuple[Excitation, BaseParameters]:
+def _excited(robot: Robot, options: PlanOptions, fences: FenceSet | None) -> tuple[Excitation, BaseParameters]:
     from qrobot.ident.base import base_of_robot
     from qrobot.ident.excitation import make_excitation
     from qrobot.ident.regressor import inertial_regressor
 
     regressor = inertial_regressor(robot)
     base = base_of_robot(robot, regressor)
-    return make_excitation(robot, regressor, base, seed=seed), base
+    return make_excitation(robot, regressor, base, seed=options.seed, fences=fences), base
 
 
 def _told_of(made: ExcitationPlan | Excitation) -> str:

@@ -18,7 +18,8 @@ from qrobot.cli.console import err, note
 from qrobot.cli.logs import read_and_warn
 from qrobot.config import Robot
 from qrobot.config.deployment import DeployedArm
-from qrobot.errors import ConfigError, LinkError, LogError
+from qrobot.errors import ConfigError, LinkError, LogError, MotionError, ServoFault
+from qrobot.faultcodes import FaultCode
 from qrobot.ident.excitation import Excitation, FourierRun
 from qrobot.ident.perform import MoveProgress as Told
 from qrobot.ident.perform import perform
@@ -172,10 +173,19 @@ def says_where_it_broke_off(told: Told) -> Iterator[Told]:
 
     try:
         yield kept
-    except BaseException:  # a stop by the operator too
+    except BaseException as error:  # a stop by the operator too
         for number, name in begun[-1:]:
-            note(f"it broke off in {name}: the same with --first {number} and another --output goes on there")
+            said = f"it broke off in {name}: the same with --first"
+            if _would_come_again(error):
+                note(f"{said} {number + 1} and another --output leaves it out, if another move is left")
+            else:
+                note(f"{said} {number} and another --output goes on there")
         raise
+
+
+def _would_come_again(error: BaseException) -> bool:
+    """True where the move itself is what cannot be done."""
+    return isinstance(error, MotionError) or (isinstance(error, ServoFault) and error.code == FaultCode.FENCE)
 
 
 @contextmanager

@@ -155,6 +155,12 @@ class FenceSet:
         twin._work, twin._rows, twin._nearest = np.zeros(N_WORK), np.zeros(N_ROWS), np.zeros(N_ROWS)
         return twin
 
+    def wider(self, by: float) -> FenceSet:
+        """The same fences, from which motions keep `by` m more."""
+        twin = self.for_one_thread()
+        twin.margins = self.margins + by
+        return twin
+
     # ----------------------------------------------------------------------------------------------------- distances
 
     def distances(self, q: Floats) -> Floats:

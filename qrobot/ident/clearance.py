@@ -1,7 +1,8 @@
 """Whether an arm, led through joint space, stays clear of the floor, of its column and of itself.
 
 As far as its file tells: bodies are lines (`link_lines`) with a thickness that is assumed. The hand, with room for a
-tool, keeps farther away than the others. What stands around the arm is for whoever starts the plan to keep away.
+tool, keeps farther away than the others. Of what stands around the arm it knows the fences; the rest is for whoever
+starts the plan to keep away.
 """
 
 from __future__ import annotations
@@ -13,19 +14,22 @@ import numpy as np
 
 from qrobot.arrays import Bools, Floats
 from qrobot.config import Robot
+from qrobot.fences.fence_set import FenceSet
 from qrobot.ident.link_lines import HAND_M, LinkLines
 
 FLOOR: Final = 0.25  # m that wrist and flange stay above the floor
 COLUMN: Final = 0.30  # m from the first axis that they keep below the shoulder
 APART: Final = 0.16  # m between the lines of two bodies: either is as thick as a forearm [A]
 NEIGHBOURS: Final = 0.2  # m along the arm: bodies nearer to each other always are
+SPARE: Final = 0.005  # m that a plan keeps from fences beyond their margins, for what is looked at elsewhere [A]
 _STEP: Final = 0.1  # rad or m of the joint that moves most, between two looks
 
 
 class Clearance:
-    """Subsample at poses and ways of one robot."""
+    """Subsample at poses and ways of one robot, `fences` around it."""
 
-    def __init__(self, robot: Robot) -> None:
+    def __init__(self, robot: Robot, fences: FenceSet | None = None) -> None:
+        self._fences = None if fences is None else fences.wider(SPARE)
         self._geometry, self._link_lines = robot.geometry, LinkLines(robot)
         lengths = self._link_lines.lengths
         long = np.flatnonzero(lengths).tolist()
@@ -50,7 +54,16 @@ class Clearance:
     def of_path(self, q: Floats) -> bool:
         """Whether all of the straight ways from each of the positions (m, n) to the next are."""
         looks = np.concatenate([_between(*both) for both in pairwise(q)])
-        return bool(self.of_poses(q).all() and self.of_poses(looks).all())
+        return bool(self.of_poses(q).all() and self.of_poses(looks).all()) and all(
+            self.of_fences(*both) for both in pairwise(q)
+        )
+
+    def of_fences(self, begin: Floats, end: Floats) -> bool:
+        """Whether no fence is in the straight way between two joint positions (n,)."""
+        fences = self._fences
+        if fences is None:
+            return True
+        return bool((fences.slack(begin) >= 0.0).all()) and fences.clear_share(begin, end) == 1.0
 
     def _hand(self, hand: Floats) -> Bools:
         """Wrist and flange are above the floor, and outside the column where they are below the shoulder."""

@@ -8,6 +8,7 @@ runs.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
@@ -18,6 +19,8 @@ import numpy as np
 from qrobot.arrays import Floats
 from qrobot.config import Robot
 from qrobot.errors import IdentificationError
+from qrobot.fences.fence_set import FenceSet
+from qrobot.fences.gate import REACTION_S, STOP_PEAK
 from qrobot.ident.base import BaseParameters
 from qrobot.ident.clearance import Clearance
 from qrobot.ident.fourier import Fourier, States
@@ -91,7 +94,12 @@ class Excitation:
 
 
 def make_excitation(
-    robot: Robot, regressor: Regressor, base: BaseParameters, runs: int = RUNS, seed: int = 0
+    robot: Robot,
+    regressor: Regressor,
+    base: BaseParameters,
+    runs: int = RUNS,
+    seed: int = 0,
+    fences: FenceSet | None = None,
 ) -> Excitation:
     """Choose runs for a robot.
 
@@ -101,18 +109,19 @@ def make_excitation(
         base: parameters of the regressor.
         runs: how many.
         seed: of the random runs to choose from.
+        fences: that the arm keeps off, beyond their margins, also where it is stopped in the middle of a run.
 
     Raises:
-        IdentificationError: fewer runs are asked for than can be judged, or too few are clear of floor and arm.
+        IdentificationError: fewer runs are asked for than can be judged, or too few are clear.
     """
     if runs < FEWEST:
         raise IdentificationError(f"{runs} runs are too few: at least {FEWEST}, of which one is held back")
-    clearance = Clearance(robot)
+    clearance = Clearance(robot, fences)
     search = _DesignSearch(robot, regressor, base, clearance, np.random.default_rng(seed))
     candidates = list(search.candidates())
     if len(candidates) < runs:
         raise IdentificationError(
-            f"{len(candidates)} random runs are clear of the floor and of the arm itself, {runs} are asked for"
+            f"{len(candidates)} random runs are clear of floor, fences and the arm itself, {runs} are asked for"
         )
     columns = np.array([search.columns(motion) for motion in candidates])
     lengths = np.linalg.norm(columns, axis=(0, 1))
@@ -200,7 +209,15 @@ class _DesignSearch:
         states = _states(motion)
         torque = np.abs(expected_torque(self.robot, self.regressor, states))
         light = bool((torque <= TORQUE_SHARE * self.robot.guard.tau_max).all())
-        return light and self.clearance.of_path(np.concatenate([self.robot.poses[READY][None], states.q]))
+        along = np.concatenate([self.robot.poses[READY][None], states.q])
+        return light and self.clearance.of_path(along) and self._may_be_stopped(states)
+
+    def _may_be_stopped(self, states: States) -> bool:
+        """Whether the servo, which looks where a stop begun now would end, finds no fence there all along a run."""
+        control, guard = self.robot.control, self.robot.guard
+        late_s = float(np.sqrt(control.inertia / control.kp).max()) / math.e + REACTION_S
+        seconds = 0.5 * STOP_PEAK * (np.abs(states.v) / guard.a_stop).max(axis=1, keepdims=True) + late_s
+        return all(map(self.clearance.of_fences, states.q, states.q + states.v * seconds))
 
 
 def expected_torque(robot: Robot, regressor: Regressor, states: States) -> Floats:

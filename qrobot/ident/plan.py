@@ -18,6 +18,7 @@ import numpy as np
 from qrobot.arrays import Floats
 from qrobot.config import Robot
 from qrobot.errors import IdentificationError
+from qrobot.fences.fence_set import FenceSet
 from qrobot.ident.base import BaseParameters
 from qrobot.ident.clearance import Clearance
 from qrobot.ident.regressor import Regressor, known_parameters
@@ -97,7 +98,13 @@ class ExcitationPlan:
 
 
 def make_plan(
-    robot: Robot, regressor: Regressor, base: BaseParameters, poses: int = POSES, seed: int = 0, slow: bool = False
+    robot: Robot,
+    regressor: Regressor,
+    base: BaseParameters,
+    poses: int = POSES,
+    seed: int = 0,
+    slow: bool = False,
+    fences: FenceSet | None = None,
 ) -> ExcitationPlan:
     """Choose poses and speeds for a robot; the same seed gives the same plan.
 
@@ -108,11 +115,12 @@ def make_plan(
         poses: to swing through.
         seed: of the random poses to choose from.
         slow: sweep each joint slowly too, for Stribeck's friction.
+        fences: that the arm keeps off, beyond their margins.
 
     Raises:
-        IdentificationError: too few poses are clear of floor and arm, or fewer are asked for than tell everything.
+        IdentificationError: too few poses are clear, or fewer are asked for than tell everything.
     """
-    clearance = Clearance(robot)
+    clearance = Clearance(robot, fences)
     half = 0.5 * SWING_SPEED * robot.limits.v_max * _seconds(robot, SWING_SPEED)
     candidates = _candidates(robot, regressor, clearance, half, seed)
     sought = len(base.leading)
@@ -210,7 +218,7 @@ def _sweeps(robot: Robot, clearance: Clearance, centres: list[Floats], speeds: t
             clear = (centre for centre in inside if clearance.of_path(np.stack([ready, centre - half, centre + half])))
             if (centre := next(clear, None)) is None:
                 raise IdentificationError(
-                    f"sweeping {name} comes too near to the floor or to the arm itself wherever it is tried"
+                    f"sweeping {name} comes too near to the floor, a fence or the arm itself wherever it is tried"
                 )
             yield _swing(robot, f"{name} at {100 * share:.0f} %", centre, half, share)
 

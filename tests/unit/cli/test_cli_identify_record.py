@@ -24,7 +24,7 @@ from qrobot.cli.identify_record import (
     says_where_it_broke_off,
 )
 from qrobot.config import load_robot
-from qrobot.errors import ConfigError, IdentificationError, LogError, QRobotError, ServoFault
+from qrobot.errors import ConfigError, FenceCrossed, IdentificationError, LogError, QRobotError, ServoFault
 from qrobot.faultcodes import FaultCode
 from qrobot.ident.perform import MoveProgress
 from qrobot.ident.plan import ExcitationPlan, Swing
@@ -61,6 +61,18 @@ def test_how_to_go_on_is_said(error: BaseException, capsys: pytest.CaptureFixtur
     said = " ".join(capsys.readouterr().err.split())
     assert "it broke off in pose 9" in said
     assert "--first 9 " in said
+
+
+@pytest.mark.parametrize(
+    "error",
+    [FenceCrossed("move to pose 9: too near", "bench", "wrist", 0.01, 0.4), ServoFault(FaultCode.FENCE, "bench")],
+)
+def test_a_move_that_a_fence_forbids_is_to_be_left_out(error: Exception, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(type(error)):
+        break_off(error, [])
+    said = " ".join(capsys.readouterr().err.split())
+    assert "it broke off in pose 9: the same with --first 10 and another --output leaves it out" in said
+    assert "--first 9 " not in said
 
 
 def test_nothing_is_said_of_moves_that_were_made(capsys: pytest.CaptureFixture[str]) -> None:

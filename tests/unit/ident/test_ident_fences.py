@@ -1,0 +1,94 @@
+"""Plans keep off the fences of the deployment: every way, every run, and the places where the servo would stop it."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from qrobot.config import load_robot
+from qrobot.config.fences import Fence
+from qrobot.errors import FenceCrossed, IdentificationError
+from qrobot.fences.fence_set import FenceSet
+from qrobot.ident.base import base_of_robot
+from qrobot.ident.excitation import RUN_S, RUNS, Excitation, make_excitation
+from qrobot.ident.perform import setpoints_of
+from qrobot.ident.plan import ExcitationPlan, make_plan
+from qrobot.ident.regressor import gravity_regressor, inertial_regressor
+from qrobot.rccl.setpoints import check_fences
+
+PUMA = load_robot("puma560")
+READY = PUMA.poses["ready"]
+# those of docs/how-to/keep-inside-fences.md
+BENCH = Fence(name="bench", shape="box", size_m=(0.6, 1.2, 0.1), position_m=(0.6, 0.0, -0.35))
+CELL = Fence(
+    name="cell",
+    shape="cylinder",
+    keep="in",
+    bodies="tool",
+    radius_m=0.9,
+    length_m=2.4,
+    position_m=(0.0, 0.0, 0.5),
+    margin_m=0.05,
+)
+FENCES = FenceSet(PUMA, [BENCH, CELL], self_collision=True, self_margin=0.01)
+
+
+def planned(fences: FenceSet | None) -> ExcitationPlan:
+    regressor = gravity_regressor(PUMA)
+    return make_plan(PUMA, regressor, base_of_robot(PUMA, regressor), fences=fences)
+
+
+def excited(fences: FenceSet | None) -> Excitation:
+    regressor = inertial_regressor(PUMA)
+    return make_excitation(PUMA, regressor, base_of_robot(PUMA, regressor), RUNS, fences=fences)
+
+
+def check_swings(plan: ExcitationPlan) -> None:
+    at = READY
+    for swing in plan.swings:
+        ways = [at, *([READY] if swing.by_ready else []), swing.low, swing.high, swing.low, READY]
+        for begin, end in pairwise(ways):
+            FENCES.check_path(lambda share, _, a=begin, b=end: a + share * (b - a), begin, swing.name)
+            assert (FENCES.slack(end) >= 0.0).all()
+        at = swing.low
+
+
+def check_runs(made: Excitation) -> None:
+    at = READY
+    for run in made.runs:
+        ways = [at, *([READY] if run.by_ready else []), run.motion.start, READY]
+        for begin, end in pairwise(ways):
+            FENCES.check_path(lambda share, _, a=begin, b=end: a + share * (b - a), begin, run.name)
+        check_fences(setpoints_of(PUMA, run).q, FENCES, run.name)
+        at = run.motion.start
+
+
+def test_every_swing_and_every_way_keeps_inside_the_fences() -> None:
+    check_swings(planned(FENCES))
+    with pytest.raises(FenceCrossed):
+        check_swings(planned(None))
+
+
+def test_every_fast_run_and_every_way_keeps_inside_the_fences() -> None:
+    check_runs(excited(FENCES))
+    with pytest.raises(FenceCrossed):
+        check_runs(excited(None))
+
+
+def test_a_fast_run_that_is_stopped_anywhere_rests_before_the_fences() -> None:
+    """A stop of T seconds at no more than a_stop, whose greatest slope is 1.875 of the mean, covers v T/2."""
+    for run in excited(FENCES).runs:
+        states = run.motion.at(np.linspace(0.0, RUN_S, 401))
+        for q, v in zip(states.q, states.v, strict=True):
+            stopped = q + 0.5 * v * 1.875 * float((np.abs(v) / PUMA.guard.a_stop).max())
+            assert (FENCES.distances(stopped) > 0.0).all()
+
+
+def test_an_arm_that_waits_beside_a_fence_is_told_that_no_plan_is_clear() -> None:
+    ceiling = Fence(name="ceiling", shape="plane", position_m=(0.0, 0.0, 0.5), rpy_deg=(180.0, 0.0, 0.0))
+    with pytest.raises(IdentificationError, match="of 0 clear poses"):
+        planned(FenceSet(PUMA, [ceiling]))
+    with pytest.raises(IdentificationError, match="0 random runs are clear of floor, fences and the arm"):
+        excited(FenceSet(PUMA, [ceiling]))
