@@ -48,7 +48,7 @@ def transport_to_the_bench() -> Transport:
 @pytest.fixture
 def deployment(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
     """An arm whose board is on a transport that leads to the bench."""
-    monkeypatch.setattr("qrobot.hwif.transports.open_transport", lambda _board, _report: transport_to_the_bench())
+    monkeypatch.setattr("qrobot.hwif.transports.open_transport", lambda *_: transport_to_the_bench())
     monkeypatch.setattr("qrobot.hwif.gateway.set_on_signals", soon)
     path = tmp_path / "here.toml"
     arm = f'[[arm]]\nname = "record{os.getpid()}"\nrobot = "puma560"\nbridge = {{ port = 5600 }}\n'
