@@ -182,7 +182,7 @@ def servo_settings(
         analog_outputs=analog_outputs_of(arm),
         overrun=overrun_of(arm),
         calibration=calibration_of_arm(arm),
-        pots=arm.board.pots,
+        pots=arm.board.has_pots,
         fences=fences_of_arm(arm),
     )
 
@@ -226,7 +226,7 @@ def check_channels(arm: DeployedArm) -> None:
 
 
 def _require_free_channels(arm: DeployedArm, what: str, channels: Iterable[int]) -> None:
-    pots = robot_of_arm(arm).transmission.pot_channels.tolist() if arm.board.pots else []
+    pots = robot_of_arm(arm).transmission.pot_channels.tolist() if arm.board.has_pots else []
     for channel in channels:
         if channel in pots:
             raise ConfigError(

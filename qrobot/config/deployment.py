@@ -46,6 +46,7 @@ class BoardChoice(Table):
 
     `revision` defaults to the robot file's. With `pots = false` the arm has no potentiometers, as the PUMA 200 series,
     and their ADC channels are free inputs: it is needed too where something else is on channels of potentiometers.
+    Separate drives never have any, whatever `pots` says.
     `calibration_table` is a packaged table or a `.txt`; without one the servo cannot calibrate the arm, and its
     potentiometers only watch over their encoders. With `calibrate_at_start`, `qrobot up` calibrates an arm
     whose board has lost its counters, as the supervisor of the papers did: it moves. `plant` is the physics behind the
@@ -161,6 +162,11 @@ class BoardChoice(Table):
     def slips(self) -> bool:
         """The board may let time stand still: only an emulated one can."""
         return self.emulated and self.time_slip
+
+    @property
+    def has_pots(self) -> bool:
+        """The arm's potentiometers are wired to channels of the board's converter."""
+        return self.pots and self.kind != "drives"
 
     @property
     def position_drives(self) -> bool:

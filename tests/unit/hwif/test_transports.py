@@ -109,6 +109,21 @@ def test_the_mode_of_the_drives_is_known_to_the_servo(tmp_path: Path, mode: str)
     assert servo_settings(arm).position_drives == (mode == "position")
 
 
+@pytest.mark.parametrize("mode", ["torque", "position"])
+@pytest.mark.parametrize(
+    "sensor",
+    [
+        SENSOR.replace("channel = 6", "channel = 2"),
+        '[[arm.board.io]]\nhost = "127.0.0.1"\nanalog = [{ address = 0, channel = 2, volt_per_count = 0.001 }]\n',
+    ],
+    ids=["can_sensor", "io"],
+)
+def test_separate_drives_have_no_potentiometers_and_every_channel_free(tmp_path: Path, mode: str, sensor: str) -> None:
+    table = DRIVES.replace("torque_permille", "#") if mode == "position" else DRIVES
+    [arm] = load(tmp_path, f"{table}absolute = true\nmode = '{mode}'\n{sensor}").arm
+    assert not servo_settings(arm).pots
+
+
 def test_an_arm_with_a_joint_that_has_no_drive_is_refused(tmp_path: Path) -> None:
     table = re.sub(r"(, -?[0-9.]+)\]", "]", DRIVES)  # the sixth number of each list
     [arm] = load(tmp_path, table).arm
