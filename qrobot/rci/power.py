@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 
 from qrobot.errors import MotionError, ServoFault
-from qrobot.faultcodes import NO_JOINT, explain
+from qrobot.faultcodes import NO_JOINT, FaultCode, explain
 from qrobot.rci.blackboard import Chg
 from qrobot.wire import Mode, RobotState
 
@@ -53,6 +53,7 @@ class PowerUp:
         self._elapsed_s = 0.0
         self._asked_s: float | None = None  # when power, or a clear, was asked for
         self._event_before = 0  # told before power was
+        self._powering = False  # it was seen to come on, whoever had asked for it
 
     def step(self, robot: RobotState, chg: Chg) -> bool:
         """Say the next request in `chg`; True once the arm holds.
@@ -67,6 +68,8 @@ class PowerUp:
         match robot.mode:
             case Mode.FAULT:
                 self._leave_fault(robot, chg)
+            case Mode.OFF if self._powering and robot.event == FaultCode.POWER_STOPPED:
+                raise servo_fault(robot, "no arm power")  # not asked for anew against somebody's stop
             case Mode.OFF:
                 self._ask(robot, chg)
             case Mode.UNCALIBRATED:
@@ -75,6 +78,7 @@ class PowerUp:
                 )
             case _:  # powering, or coming to rest after somebody else's program
                 chg.power = True
+                self._powering = self._powering or robot.mode == Mode.POWERING
         return robot.mode == Mode.HOLDING
 
     def _ask(self, robot: RobotState, chg: Chg) -> None:

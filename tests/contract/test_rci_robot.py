@@ -19,7 +19,7 @@ from qrobot.rci import TaskDescriptor, TaskState, VirtualLink
 from qrobot.rci.robot_cycle import MOST_STARTS
 from qrobot.wire import JointMode, Mode
 from tests.support.fake_robot import FakeRobot
-from tests.support.late_robot import LATE, hear_power_late, lose_power, lose_streams
+from tests.support.late_robot import LATE, hear_power_late, lose_power, lose_streams, stop_power_up
 from tests.support.puma import PARK, ROBOT
 
 START = tuple(float(x) for x in PARK)
@@ -270,6 +270,13 @@ def test_an_arm_that_brakes_and_loses_its_power_is_asked_for_it_when_it_is_off(r
     rci.rci_start(td.bit)
     assert robot.seq > LATE
     wait_runs(td, 3)
+
+
+def test_power_that_another_program_had_asked_for_and_somebody_stopped_is_not_asked_for_anew(robot: FakeRobot) -> None:
+    stop_power_up(robot)
+    with pytest.raises(ServoFault, match="no arm power: POWER_STOPPED"):
+        rci.rci_start(task(turn(0, 0.001)).bit)
+    assert robot.mode is Mode.OFF
 
 
 @pytest.mark.parametrize("before", [FaultCode.NONE, FaultCode.STREAM_LOST, FaultCode.POWER_NO_ACK])

@@ -49,3 +49,15 @@ def lose_power(robot: FakeRobot) -> None:
             robot.mode = Mode.OFF
 
     robot.mode, robot.before_period = Mode.STOPPING, period
+
+
+def stop_power_up(robot: FakeRobot) -> None:
+    """Somebody else has asked for its power, and somebody stops it before that is on, at sample `LATE`."""
+
+    def period(seq: int) -> None:
+        if seq < LATE:
+            robot.mode, robot._powering = Mode.POWERING, 0
+        elif seq == LATE:
+            robot.mode, robot.event = Mode.OFF, FaultCode.POWER_STOPPED
+
+    robot.mode, robot.before_period = Mode.POWERING, period

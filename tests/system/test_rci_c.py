@@ -31,7 +31,7 @@ from qrobot.servo.settings import ServoSettings
 from qrobot.sim_board.emulator import Emulator
 from tests.support.c_programs import CHECKED, EXAMPLES, FOUND, VALGRIND, needs_compiler, needs_valgrind
 from tests.support.fake_robot import FakeRobot, TcpRobot
-from tests.support.late_robot import LATE, hear_power_late, lose_power, lose_streams
+from tests.support.late_robot import LATE, hear_power_late, lose_power, lose_streams, stop_power_up
 from tests.support.patience import PATIENCE_S, wait_until
 from tests.support.processes import FIRST_START_S, RunningArm
 from tests.support.puma import PARK, ROBOT
@@ -422,6 +422,17 @@ def test_an_arm_that_brakes_and_loses_its_power_is_asked_for_it_in_c_too(turns: 
     with rci.use(partial(VirtualLink, transfer=robot.transfer)):
         assert run_executable(turns) == 0
     assert robot.seq > LATE
+
+
+def test_power_that_somebody_stopped_is_not_asked_for_anew_in_c_either(
+    turns: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    robot = FakeRobot(tuple(PARK))
+    stop_power_up(robot)
+    with rci.use(partial(VirtualLink, transfer=robot.transfer)):
+        assert run_executable(turns) == 7
+    assert "no arm power: POWER_STOPPED" in capfd.readouterr().err
+    assert robot.mode is Mode.OFF
 
 
 def test_power_that_is_refused_for_the_reason_of_last_time_ends_the_task(

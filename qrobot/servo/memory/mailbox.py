@@ -95,6 +95,11 @@ class ServoMailbox:
         """
         self.memory.command.power_offs += 1
 
+    @property
+    def halts(self) -> tuple[int, int]:
+        """Numbers of the stops and of the power-offs that somebody has asked for so far."""
+        return int(self.memory.command.stops), int(self.memory.command.power_offs)
+
     def request_override(self, override: float) -> None:
         """Ask for motions at `override` times their programmed speed, 0 to `wire.vocabulary.LARGEST_OVERRIDE`."""
         self.memory.command.override = override

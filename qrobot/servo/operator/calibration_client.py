@@ -72,16 +72,17 @@ def run_calibration(
     """
     if indexes and not FEWEST_INDEXES <= indexes <= MOST_INDEXES:
         raise ConfigError(f"{indexes} index pulses: {FEWEST_INDEXES} to {MOST_INDEXES} are possible")
-    before = mailbox.snapshot()
+    before, halts = mailbox.snapshot(), mailbox.halts
     if before.flags & FLAG_CALIBRATED and before.event != FaultCode.CAL_MISMATCH:
         return ALREADY
     if before.mode not in BEGINNINGS:
         raise ServoFault(before.fault, _refusal(before, f"the servo is in mode {mode_name(before.mode)}, not OFF"))
     had_power = before.mode != Mode.OFF
     try:
-        if not had_power and _power_on(mailbox, wait, before) == Mode.HOLDING:
+        if not had_power and _power_on(mailbox, wait, before, halts) == Mode.HOLDING:
             return ALREADY
         if before.mode != Mode.CALIBRATING:
+            _insist_on_no_halt(mailbox, halts)
             mailbox.request_calibration(indexes)
         found = _follow(mailbox, wait, progress)
     except BaseException:
@@ -95,7 +96,13 @@ def run_calibration(
     )
 
 
-def _power_on(mailbox: ServoMailbox, wait: Wait, before: ServoSnapshot) -> int:
+def _insist_on_no_halt(mailbox: ServoMailbox, halts: tuple[int, int]) -> None:
+    """Raise ServoFault when somebody has asked for a stop, or for no power, since `halts` were counted."""
+    if mailbox.halts != halts:
+        raise ServoFault(FaultCode.POWER_STOPPED, f"not calibrated: {explain(FaultCode.POWER_STOPPED)}")
+
+
+def _power_on(mailbox: ServoMailbox, wait: Wait, before: ServoSnapshot, halts: tuple[int, int]) -> int:
     """Leave OFF; returns the mode: UNCALIBRATED, or HOLDING when the counters are right after all.
 
     Counters that the potentiometers contradict are given up first.
@@ -104,6 +111,7 @@ def _power_on(mailbox: ServoMailbox, wait: Wait, before: ServoSnapshot) -> int:
         mailbox.request_calibration()
     mailbox.request_power(False)
     wait(FORGET_S)
+    _insist_on_no_halt(mailbox, halts)
     mailbox.request_power(True)
     asked = mailbox.snapshot()  # behind the request, of which the next cycle but one has heard for certain
     state = _until(

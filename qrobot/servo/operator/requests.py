@@ -20,7 +20,6 @@ from qrobot.modecodes import Mode
 from qrobot.model.payload_judge import PayloadJudge
 from qrobot.realtime.deadline import sleep_between_looks
 from qrobot.servo.memory.commander_lock import Authority
-from qrobot.servo.memory.mailbox import ServoMailbox
 from qrobot.servo.modes import mode_name
 from qrobot.servo.operator.controlled import Controlled
 from qrobot.servo.operator.fence_status import fence_status
@@ -203,10 +202,10 @@ class Controls:
         if snapshot.mode == Mode.FAULT:
             raise QRobotError(f"clear the fault first: {explain(snapshot.fault)}")
         if snapshot.mode == Mode.OFF:  # a request is an edge: the servo has to see the level go down and up
-            halts = _halts(mailbox)
+            halts = mailbox.halts
             mailbox.request_power(False)
             self._wait_for_loop()
-            if _halts(mailbox) != halts:
+            if mailbox.halts != halts:
                 raise QRobotError("no arm power: somebody has asked for a stop, or for no power, meanwhile")
             mailbox.request_power(True)
             self._wait_for_loop()
@@ -240,9 +239,3 @@ class Controls:
         self._wait_for_loop()
         listed = ", ".join(f"channel {channel} {volts:.4g} V" for channel, volts in zero.items())
         self._servo.say(f"force sensor zeroed: {listed}")
-
-
-def _halts(mailbox: ServoMailbox) -> tuple[int, int]:
-    """Numbers of the stops and power-offs so far."""
-    command = mailbox.memory.command
-    return int(command.stops), int(command.power_offs)

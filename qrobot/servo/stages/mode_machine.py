@@ -310,8 +310,8 @@ def handle_requests(params: ServoParameters, state: ServoState, mail: Any, now_n
     asked_now = power == 1 and (state.power_seen == 0 or mail.command.power_ons != state.ons_seen)
     cleared = mail.command.clears != state.clears_seen
     stopped = mail.command.stops != state.stops_seen
-    if stopped and state.mode == POWERING and power == 1:  # who asked for power has to ask anew
-        state.power_locked, power = 1, 0
+    if stopped and power == 1 and (state.mode == POWERING or (state.mode == OFF and asked_now)):  # to be asked for anew
+        state.power_locked, power, asked_now = 1, 0, False
         report_event(state, POWER_STOPPED)
     state.power_seen, state.ons_seen = power, mail.command.power_ons
     state.clears_seen, state.stops_seen = mail.command.clears, mail.command.stops

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import signal
+from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from qrobot.modecodes import Mode
 from qrobot.rig.interrupts import interrupted_by_signals
 from qrobot.rig.table_maker import make_table
 from qrobot.servo.calibration.state import Stage
+from qrobot.servo.memory.mailbox import ServoMailbox
 from qrobot.servo.memory.published_state import FLAG_CALIBRATED
 from qrobot.servo.operator.calibration_client import run_calibration
 from qrobot.sim_board.emulator import Emulator
@@ -434,6 +436,24 @@ def test_the_client_follows_a_calibration_that_is_under_way(joint: int) -> None:
     assert report.votes == [3] * PUMA.n
     assert rig.mode is Mode.HOLDING
     assert rig.exact()
+
+
+@pytest.mark.parametrize("halt", [ServoMailbox.request_stop, ServoMailbox.request_power_off])
+@pytest.mark.parametrize("mode", [Mode.OFF, Mode.UNCALIBRATED])
+def test_a_stop_before_a_calibration_begins_is_not_overruled(mode: Mode, halt: Callable[[ServoMailbox], None]) -> None:
+    """In the moment between two requests of the client."""
+    rig, halted = CalibratingRig(), []
+
+    def wait(seconds: float) -> None:
+        rig.run_for(seconds)
+        if not halted and rig.mode is mode:
+            halted.append(halt(rig.mailbox))
+
+    with pytest.raises(ServoFault, match="POWER_STOPPED"):
+        run_calibration(rig.mailbox, wait, 3)
+    assert rig.mailbox.memory.command.calibrations == 0
+    rig.run_for(1.0)
+    assert rig.mode is Mode.OFF
 
 
 def powering() -> CalibratingRig:

@@ -199,6 +199,14 @@ def test_a_stop_before_power_is_on_takes_the_request_back() -> None:
     assert bench.mode is Mode.HOLDING
 
 
+def test_a_stop_in_the_cycle_in_which_power_is_asked_for_counts() -> None:
+    bench = ServoBench().tick(3)
+    bench.mailbox.request_stop()
+    bench.mailbox.request_power(True)
+    bench.run(1.0)
+    assert (bench.mode, bench.event) == (Mode.OFF, FaultCode.POWER_STOPPED)
+
+
 def test_of_power_asked_for_and_taken_away_in_one_cycle_the_latter_counts() -> None:
     bench = ServoBench().tick(3)
     bench.mailbox.request_power_off()

@@ -10,6 +10,7 @@
 #define SAME_AGAIN_S 1.0 /* with the event that stood there before: until then it may not have heard the request */
 #define MOST_STARTS 5    /* streams that begin one after another, because the arm has not moved in the one before */
 #define STREAM_LOST 28
+#define POWER_STOPPED 81
 #define ARRIVED 1e-6     /* rad or m */
 #define ROUNDING (1.0 + 1e-9)
 
@@ -97,8 +98,11 @@ static int is_powered(struct cycle *c, const struct qrobot_state *s, const char 
         *failed = gave_up(s, "the servo is in a fault");
     else if (s->mode == QROBOT_MODE_UNCALIBRATED)
         *failed = because("the arm has power but is not calibrated: its joint angles are unknown until `qrobot calibrate`");
-    else if (s->mode != QROBOT_MODE_OFF)
+    else if (s->mode != QROBOT_MODE_OFF) {
         c->power = 1; /* powering, or coming to rest after another program */
+        c->powering = c->powering || s->mode == QROBOT_MODE_POWERING;
+    } else if (c->powering && s->event == POWER_STOPPED) /* not asked for anew against somebody's stop */
+        *failed = gave_up(s, "no arm power");
     else if (c->asked_s < 0.0 || !c->power) { /* power comes on a request that is raised while it is off: low at first */
         c->power = c->asked_s >= 0.0;
         c->asked_s = c->waited_s;

@@ -33,6 +33,7 @@ struct cycle {
     int power, power_off, stopped, has_state;
     int starts;                    /* streams begun */
     int event_before;              /* told before power was asked for */
+    int powering;                  /* power was seen to come on, whoever had asked for it */
     uint32_t stream;
     RCI_CHG said;                  /* in the command before */
     struct qrobot_state state;     /* the newest */
