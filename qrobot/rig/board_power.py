@@ -17,6 +17,9 @@ PUSH_S: Final = 0.04
 PUSH_FRICTION: Final = 2.0  # times the friction the robot file expects: enough to move, too little to go far
 PUSH_SHARES: Final = (0.05, 0.6)  # of full torque, at least and at most
 PUSH_COUNTS: Final = 4  # least difference that a push must make
+PUSH_AGAIN: Final = 2.0  # times as hard, where the first push was counted and hardly seen
+SEEN_DEG: Final = 0.1  # somebody who looks at the joint sees which way it went [A]
+SEEN_MM: Final = 0.2
 STAYS: Final = "amplifier, fuse, or a brake that stays closed"
 
 
@@ -56,13 +59,22 @@ def see_ways(walk: Walk) -> str:
 
 
 def _pushed_to_be_seen(walk: Walk, joint: int) -> int:
-    """Counts joint `joint` stands away from where it stood, after a push or two."""
-    before = walk.counts()
-    for side in (1, -1):
-        _pushed(walk, joint, side)
-        by = walk.moved(before)[joint]
-        if abs(by) >= PUSH_COUNTS:
-            return by
+    """Counts joint `joint` stands away from where it stood, far enough for eyes, after a push or a few.
+
+    A brake that closes moves a joint by some counts as well, so few are no answer. Who shows none at all may have a
+    dead encoder, and is not pushed harder.
+    """
+    before, counted = walk.counts(), False
+    seen = SEEN_MM * M_PER_MM if walk.robot.prismatic[joint] else SEEN_DEG * RAD_PER_DEG
+    for harder in (1.0, PUSH_AGAIN):
+        for side in (1, -1):
+            _pushed(walk, joint, side, harder)
+            by = walk.moved(before)[joint]
+            counted = counted or abs(by) >= PUSH_COUNTS
+            if abs(by * walk.robot.transmission.rad_per_count[joint]) >= seen:
+                return by
+        if not counted:
+            break
     raise StepError(f"joint {joint + 1} was not moved by a push to either side", STAYS)
 
 
@@ -112,13 +124,13 @@ def _reversed_torque(walk: Walk, joint: int) -> str:
     )
 
 
-def _pushed(walk: Walk, joint: int, side: int) -> int:
-    """Counts joint `joint` moved in a push to one side; power is on only for that."""
+def _pushed(walk: Walk, joint: int, side: int, harder: float = 1.0) -> int:
+    """Counts joint `joint` moved in a push to one side, `harder` times the usual; power is on only for that."""
     walk.make_safe()
     _power_on(walk)
     walk.wait(RELEASE_S)
     before = walk.counts()
-    walk.write((DAC + 2 * joint, DAC_ZERO + side * _push_steps(walk.robot, joint)))
+    walk.write((DAC + 2 * joint, DAC_ZERO + side * _push_steps(walk.robot, joint, harder)))
     walk.wait(PUSH_S)
     moved = walk.moved(before)[joint]
     walk.make_safe()
@@ -126,11 +138,11 @@ def _pushed(walk: Walk, joint: int, side: int) -> int:
     return moved
 
 
-def _push_steps(robot: Robot, joint: int) -> int:
-    """Steps of the converter that move a joint against its friction."""
+def _push_steps(robot: Robot, joint: int, harder: float) -> int:
+    """Steps of the converter that move a joint against its friction, `harder` times as many as should be needed."""
     friction = robot.friction[robot.control.friction_preset]
     largest = max(abs(friction.coulomb_pos[joint]), abs(friction.coulomb_neg[joint]))
-    share = PUSH_FRICTION * largest * abs(robot.transmission.dac_per_Nm[joint]) / DAC_ZERO
+    share = harder * PUSH_FRICTION * largest * abs(robot.transmission.dac_per_Nm[joint]) / DAC_ZERO
     return round(DAC_ZERO * float(np.clip(share, *PUSH_SHARES)))
 
 

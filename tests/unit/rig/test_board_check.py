@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import contextlib
+import re
 import signal
 from collections.abc import Callable
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -195,6 +197,54 @@ def test_a_joint_with_a_brake_that_is_reversed_or_mirrored_is_found_by_who_looks
     assert (last.step, last.ok) == (step, False), last
     assert "joint 2" in last.detail
     assert last.remedy.startswith(words)
+
+
+def test_a_joint_that_only_its_brake_has_shifted_is_not_asked_about() -> None:
+    desk = Desk(faults=FaultPlan.parse(["dac:1 dead"]))
+    desk.answer = desk.by_hand(+1)
+    closed = []
+
+    def shift(image: Words) -> None:
+        closed.append(desk.emulator.powered)
+        image[IMAGE_ENC_COUNT] += 5 * (sum(was and not now for was, now in pairwise(closed)) % 2)
+
+    desk.spoil = shift
+    *_, last = desk.check(EVERYTHING)
+    assert (last.step, last.ok) == ("which way the joints go", False), last
+    assert last.detail == "joint 1 was not moved by a push to either side"
+    assert not any(question.startswith("Joint 1") for question in desk.asked)
+
+
+def pushes(desk: Desk) -> set[int]:
+    """How hard joint 1 was pushed, steps of its converter."""
+    return {abs(value - DAC_ZERO) for offset, value in desk.written if offset == DAC} - {0}
+
+
+def test_a_joint_that_a_push_moves_too_little_to_be_seen_is_pushed_once_more_twice_as_hard() -> None:
+    preset = ROBOT.control.friction_preset
+    shares = np.where(np.arange(ROBOT.n) == 0, 0.5, 1.0)
+    expected = ROBOT.friction[preset]
+    halved = {key: frozen(getattr(expected, key) * shares) for key in ("coulomb_pos", "coulomb_neg")}
+    desk = Desk(ROBOT.model_copy(update={"friction": {**ROBOT.friction, preset: expected.model_copy(update=halved)}}))
+    desk.answer = desk.by_hand(+1)
+    desk.walk.begin()
+    desk.walk.ways_seen |= set(range(1, ROBOT.n))
+    assert see_ways(desk.walk).startswith("counts go the way the joints go, joint 1: ")
+    usual, harder = sorted(pushes(desk))
+    assert harder == pytest.approx(2 * usual, abs=1)
+    [far] = [re.findall(r"pushed by ([0-9.]+) degrees", each) for each in desk.asked if each.startswith("Joint 1")]
+    assert float(far[0]) > 0.1
+
+
+def test_a_joint_whose_encoder_may_be_dead_is_not_pushed_harder() -> None:
+    desk = Desk()
+    desk.spoil = lambda image: image.__setitem__(IMAGE_ENC_COUNT, 5)
+    desk.walk.begin()
+    desk.walk.look()
+    with pytest.raises(StepError, match="joint 1 was not moved"):
+        see_ways(desk.walk)
+    assert len(pushes(desk)) == 1
+    assert not desk.asked
 
 
 def test_where_nobody_looks_no_advice_makes_a_mirrored_joint_of_a_reversed_one_and_it_is_told() -> None:
