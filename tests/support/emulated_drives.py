@@ -73,6 +73,7 @@ class EmulatedDrive:
     Attributes:
         torque: target torque, thousandths of the rated one. target: position, increments.
         loop: its own, for position mode; a drive without one has no such mode.
+        profile: of the device, as its type tells it.
     """
 
     state: DriveState = DriveState.SWITCH_ON_DISABLED
@@ -83,6 +84,7 @@ class EmulatedDrive:
     error: int = 0
     operational: bool = False
     loop: PositionLoop | None = None
+    profile: int = PROFILE
 
     @property
     def modes(self) -> tuple[int, ...]:
@@ -248,7 +250,7 @@ class EmulatedDrives:
         self.send(SDO_ANSWER + node, SDO.pack(answer, index, sub, number))
 
     def _service(self, drive: EmulatedDrive, command: int, index: int, value: int) -> tuple[int, int]:
-        shown = {DEVICE_TYPE: PROFILE, MODE_SHOWN: drive.mode, ERROR_CODE: drive.error}
+        shown = {DEVICE_TYPE: drive.profile, MODE_SHOWN: drive.mode, ERROR_CODE: drive.error}
         if command == UPLOAD and index in shown:
             return UPLOADED, shown[index]
         if command in DOWNLOAD.values() and index == MODE_WANTED:

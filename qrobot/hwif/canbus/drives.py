@@ -16,7 +16,8 @@ In position mode counters cannot be loaded while the drives are in operation, an
 where to be are told to QUICK STOP.
 
 When one drive falls silent those that still hear are switched off, in position mode stopped quickly, at once and again
-before every attempt to find them all: no servo and no guardian can tell them meanwhile.
+before every attempt to find them all: no servo and no guardian can tell them meanwhile. A process that has just
+started switches each off once it has said that it is a drive.
 
 There is no converter: a conversion is never done, and no index pulse is ever seen.
 """
@@ -26,7 +27,7 @@ from __future__ import annotations
 import math
 import struct
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from contextlib import suppress
 from typing import Final
 
@@ -90,6 +91,7 @@ class DrivesBus:
         self._setpoints = setpoints_of(transport)
         self._drives = [DriveFeedback(counts) for counts in transport.counts_at_zero]
         self._discrete = DISCRETE_CALIBRATED if transport.absolute else 0
+        self._known: set[int] = set()  # nodes that have said that they are drives
         self._tripped = False
         self._was_on = False
         self._count = 0
@@ -101,10 +103,9 @@ class DrivesBus:
             LinkTimeout: one does not answer. RemoteProtocolError: one is no drive, or does not have the mode.
         """
         self.link.open()
-        self._let_go()
+        self._let_go(self._known)
+        self._identify()
         for node in self._transport.nodes:
-            if self.link.upload(node, DEVICE_TYPE, 0) & 0xFFFF != PROFILE:
-                raise RemoteProtocolError(f"node {node} is no drive of CiA 402")
             self._choose_mode(node)
             self.link.start(node)
         self._switch_off()
@@ -134,24 +135,39 @@ class DrivesBus:
             self._transmit()
             self._collect()
         except (LinkError, ProtocolError):
-            self._let_go()
+            self._let_go(self._known)
             raise
         return asked_ns, self._now_ns()
 
-    def _let_go(self) -> None:
-        """Take the torque of the drives that still hear, until power is asked for anew; what fails is passed over.
+    def _identify(self) -> None:
+        """See that every node is a drive; each that is known only now is let go at once, for another may be silent."""
+        strangers = []
+        for node, kind in self.link.upload_from_each(self._transport.nodes, DEVICE_TYPE, 0):
+            if kind is None or kind & 0xFFFF != PROFILE:
+                strangers.append(node)
+                self._known.discard(node)
+            elif node not in self._known:
+                self._known.add(node)
+                self._let_go((node,))
+        if strangers:
+            raise RemoteProtocolError(f"node {min(strangers)} is no drive of CiA 402")
 
-        In position mode, those that have not told yet where they are get no target.
+    def _let_go(self, nodes: Collection[int]) -> None:
+        """Take the torque of those drives that still hear, until power is asked for anew; what fails is passed over.
+
+        `nodes` are known to be drives: a module would switch its outputs by it. In position mode, those that have not
+        told yet where they are get no target.
         """
-        self._tripped = True
+        self._tripped, told = True, False
         for channel, (node, drive) in enumerate(zip(self._transport.nodes, self._drives, strict=True)):
-            if self._setpoints.mode == CYCLIC_POSITION and not drive.status:
+            if node not in nodes or (self._setpoints.mode == CYCLIC_POSITION and not drive.status):
                 continue
-            setpoint = self._setpoints.value(channel, drive, False)
+            setpoint, told = self._setpoints.value(channel, drive, False), True
             with suppress(LinkError):
                 self.link.send(RPDO[0] + node, self._setpoints.frame.pack(self._setpoints.leaving, setpoint))
-        with suppress(LinkError):
-            self.link.send(SYNC, b"")
+        if told:
+            with suppress(LinkError):
+                self.link.send(SYNC, b"")
 
     def _write(self, offset: int, value: int) -> None:
         if offset == DISCRETE:

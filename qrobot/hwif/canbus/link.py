@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Final
 
 from qrobot.errors import LinkError, LinkLost, LinkTimeout, RemoteProtocolError
@@ -111,6 +111,22 @@ class CanLink:
         """Read a number from a node's object dictionary. Raises RemoteProtocolError when it has no such object."""
         return self._ask(node, UPLOAD, index, sub, 0)
 
+    def upload_from_each(self, nodes: Sequence[int], index: int, sub: int) -> Iterator[tuple[int, int | None]]:
+        """Ask all `nodes` for a number at once: (node, number) as each answers, with None where it has no such object.
+
+        Raises:
+            LinkTimeout: one does not answer; the others have been given before.
+        """
+        for node in nodes:
+            self.send(SDO_ASK + node, SDO.pack(UPLOAD, index, sub, 0))
+        waiting, deadline = set(nodes), Deadline(max(SDO_TIMEOUT_S, self.timeout_s))
+        while waiting:
+            message = self.receive(deadline, f"node {min(waiting)}")
+            node, answer = message.arbitration_id - SDO_ANSWER, _answer_in(message, index, sub)
+            if node in waiting and answer is not None:
+                waiting.remove(node)
+                yield node, answer[1] if _is_success(answer[0]) else None
+
     def download(self, node: int, index: int, sub: int, value: int, size: int) -> None:
         """Write a number of `size` bytes (1, 2 or 4). Raises RemoteProtocolError when the node refuses it."""
         self._ask(node, DOWNLOAD[size], index, sub, value & _ALL_DIGITS)
@@ -120,14 +136,13 @@ class CanLink:
         deadline = Deadline(max(SDO_TIMEOUT_S, self.timeout_s))
         while True:
             message = self.receive(deadline, f"node {node}")
-            if message.arbitration_id != SDO_ANSWER + node or len(message.data) != SDO.size:
+            answer = _answer_in(message, index, sub)
+            if message.arbitration_id != SDO_ANSWER + node or answer is None:
                 continue
-            answer, of_index, of_sub, number = SDO.unpack(bytes(message.data))
-            if (of_index, of_sub) != (index, sub):
-                continue
-            if answer != DOWNLOADED and (answer == ABORTED or answer & _EXPEDITED != _EXPEDITED):
+            kind, number = answer
+            if not _is_success(kind):
                 raise RemoteProtocolError(f"node {node} refuses object {index:#06x}:{sub} ({number:#010x})")
-            return int(number)
+            return number
 
     def _listen(self, message: can.Message) -> None:
         """Note an emergency message, and the boot-up message of a node that has started anew."""
@@ -159,3 +174,15 @@ class CanLink:
 
 def _has_data(message: can.Message) -> bool:
     return not message.is_error_frame and not message.is_remote_frame
+
+
+def _answer_in(message: can.Message, index: int, sub: int) -> tuple[int, int] | None:
+    """Kind and number of an answer about an object, None of anything else."""
+    if len(message.data) != SDO.size:
+        return None
+    kind, of_index, of_sub, number = SDO.unpack(bytes(message.data))
+    return (kind, number) if (of_index, of_sub) == (index, sub) else None
+
+
+def _is_success(kind: int) -> bool:
+    return kind == DOWNLOADED or (kind != ABORTED and kind & _EXPEDITED == _EXPEDITED)

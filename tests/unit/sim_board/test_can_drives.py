@@ -46,13 +46,14 @@ from qrobot.sim_board.emulator import Emulator
 from tests.support.bus import BenchEndpoint, Row
 from tests.support.drives import NODES, Drives, served
 from tests.support.emulated_drives import EmulatedDrive
-from tests.support.patience import MOMENT_S, wait_until
+from tests.support.patience import MOMENT_S, PATIENCE_S, wait_until
 from tests.support.transport_rig import TransportRig
 
 ROBOT = load_robot("puma560")
 ON: Row = (OP_WRITE, DISCRETE, DISCRETE_POWER)
 OFF: Row = (OP_WRITE, DISCRETE, 0)
 OVERCURRENT = 0x2310
+IO_PROFILE = 401
 STEPS_UP = 4  # exchanges: three transitions, and one that shows the last
 
 
@@ -223,10 +224,23 @@ def test_drives_that_were_lost_are_calibrated_by_absolute_encoders_alone(absolut
         assert bool(drives.exchange() & STATUS_CALIBRATED) == absolute
 
 
-def test_a_node_that_is_no_drive_is_refused(drives: Drives, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("tests.support.emulated_drives.PROFILE", 401)
-    with pytest.raises(RemoteProtocolError, match="node 1 is no drive"):
-        drives.bus.connect()
+@pytest.mark.parametrize("known", [True, False])
+def test_a_node_that_is_no_drive_is_refused_and_not_written_to(drives: Drives, known: bool) -> None:
+    torque = [(OP_WRITE, DAC + 2 * joint, DAC_ZERO - 100) for joint in range(6)]
+    assert drives.exchange(ON, *torque, times=STEPS_UP) & STATUS_POWER
+    stranger = drives.far.drives[2]
+    stranger.profile = IO_PROFILE
+    outputs = stranger.torque
+    bus = drives.bus if known else DrivesBus(drives.transport)
+    bus.link.timeout_s = PATIENCE_S
+    for attempt in range(2):
+        with pytest.raises(RemoteProtocolError, match=r"node 3 is no drive of CiA 402"):
+            bus.connect()
+        wait_until(lambda: states_but(drives, 3) == {DriveState.SWITCH_ON_DISABLED})
+        if known and not attempt:  # it was a drive so far, and had to be let go
+            stranger.state, stranger.torque = DriveState.ENABLED, outputs
+    assert (stranger.state, stranger.torque) == (DriveState.ENABLED, outputs)
+    bus.close()
 
 
 def test_drives_that_miss_the_sync_stop_by_themselves(drives: Drives) -> None:
