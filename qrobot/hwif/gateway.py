@@ -209,9 +209,9 @@ def serve(
     held_lines: int = 0,
     needed: Callable[[], bool] | None = None,
 ) -> None:
-    """Be the board process of `arm` until SIGTERM or SIGINT, then leave the board safe. From the main thread.
+    """Be the board process of `arm` until SIGTERM, SIGINT or SIGHUP, then leave the board safe. From the main thread.
 
-    So it does when its terminal is closed, as soon as it is not `needed` any more.
+    SIGHUP, of a closed terminal, counts as soon as this process is not `needed` any more.
 
     Raises:
         LinkBusy: a board already serves that arm.

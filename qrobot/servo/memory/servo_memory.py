@@ -107,7 +107,7 @@ class CommandBlock:
     """Requests of the commander."""
 
     power: int = word()  # 1: they want arm power
-    power_ons: int = word()  # raised whenever `power` goes up; it may have been down for less than a cycle
+    power_ons: int = word()  # raised whenever `power` goes up, even if it was down only for less than a cycle
     clears: int = word()  # raised to clear a fault
     stops: int = word()  # raised to ask for a category 2 stop
     shutdown: int = word()  # 1: end the daemon after a controlled stop
@@ -116,7 +116,7 @@ class CommandBlock:
     indexes: int = word()  # index pulses a joint for it, 0 for the default
     power_offs: int = word()  # raised to take power away, whatever `power` says until it goes up anew
     outputs: int = word()  # what they want of the outputs, output 1 in bit 0
-    outputs_let_go: Words = words(N_OUTPUTS)  # raised whenever one goes down in `outputs`, if for less than a cycle
+    outputs_let_go: Words = words(N_OUTPUTS)  # raised when one goes down in `outputs`, even for less than a cycle
     outputs_ns: int = word()  # when they last said so, on the servo's clock
     held_stream: int = word()  # 1 + the stream that moves the arm only while a key is held; 0 for none
     held_ns: int = word()  # when they last said that the key is held, on the servo's clock
