@@ -68,12 +68,12 @@ class ArmSettings:
         elif isinstance(packet, Payload):
             self._load = packet
 
-    def tell_again(self, now: RobotState | None = None) -> None:
-        """Tell a bridge that was greeted anew what it has forgotten: how collisions are told.
+    def tell_again(self, now: RobotState | None = None, greeted: bool = True) -> None:
+        """Tell a bridge that was `greeted` anew, or another servo, what it has forgotten: how collisions are told.
 
         And the payload, when a servo that shows itself in `now` carries nothing any more; None for the same servo.
         """
-        if self._collision is not None:
+        if self._collision is not None and (greeted or is_another(self._how(), now)):
             self._link().tell(self._collision)
         if now is not None and self._load is not None and load_is_lost(self._load, self._how(), now):
             self._link().tell(self._load)
@@ -93,6 +93,17 @@ class ArmSettings:
         if passed_ns > ANSWER_NS:
             raise MotionError(f"{self._name} has not answered: it carries {how.payload_mass:g} kg still")
         return False
+
+
+def is_another(before: RobotState | None, now: RobotState | None) -> bool:
+    """Whether a servo that was away seems to have started anew: without power, no event yet or fewer of what it counts.
+
+    One that has power is the same: it remembers what it was told, be it by somebody else.
+    """
+    if before is None or now is None or now.powered:
+        return False
+    counts_anew = now.late_cycles < before.late_cycles or now.missed_frames < before.missed_frames
+    return now.event == 0 or counts_anew
 
 
 def load_is_lost(load: Payload, before: RobotState | None, now: RobotState) -> bool:

@@ -20,7 +20,7 @@ def driver_for(
     link: Link,
     task: SampledTask,
     name: str,
-    greeted: Callable[[RobotState], object] = lambda _: None,
+    greeted: Callable[[RobotState, bool], object] = lambda _now, _anew: None,
     lock: threading.Condition | None = None,
     before: SampleDriver | None = None,
 ) -> SampleDriver:
@@ -31,7 +31,8 @@ def driver_for(
         task: to run.
         name: of its thread.
         greeted: called with the first sample behind a time in which the link was lost, or the servo away: the servo may
-            be another one. The one that was heard before is still the newest that `task` knows.
+            be another one; True when the bridge was greeted anew. The one that was heard before is still the newest
+            that `task` knows.
         lock: that it shares with others; by default it has one of its own.
         before: the driver of the same arm that has ended, whose place among all that run at an instant it takes.
     """

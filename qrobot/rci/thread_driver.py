@@ -58,7 +58,7 @@ class ThreadDriver:
         link: Link,
         task: SampledTask,
         name: str,
-        greeted: Callable[[RobotState], object] = lambda _: None,
+        greeted: Callable[[RobotState, bool], object] = lambda _now, _anew: None,
         lock: threading.Condition | None = None,
     ) -> None:
         self.error: BaseException | None = None
@@ -169,9 +169,9 @@ class ThreadDriver:
                 continue
             with self._sampled:
                 if self._link.take_servo_loss() or self._greeted_anew:
-                    self._greeted_anew = False
+                    anew, self._greeted_anew = self._greeted_anew, False
                     self._task.lose_servo()
-                    self._greeted(state.robot)
+                    self._greeted(state.robot, anew)
                 command = self._task.step(state, self._link.now_ns())
                 self._tell_waiting()
 

@@ -23,7 +23,7 @@ class VirtualDriver:
     share: None = None
 
     def __init__(
-        self, link: Link, task: SampledTask, greeted: Callable[[RobotState], object], rank: Rank | None = None
+        self, link: Link, task: SampledTask, greeted: Callable[[RobotState, bool], object], rank: Rank | None = None
     ) -> None:
         self._link, self._task, self._greeted = link, task, greeted
         self._command: Command | None = None
@@ -63,7 +63,7 @@ class VirtualDriver:
         state = self._link.exchange(self._command)
         if self._link.take_servo_loss():
             self._task.lose_servo()
-            self._greeted(state.robot)
+            self._greeted(state.robot, False)
         self._command = self._task.step(state, self._link.now_ns())
 
     def _failed(self, error: BaseException) -> None:

@@ -87,6 +87,10 @@ class FakeRobot:
         """Be another servo from the next period on, without power and without a pause; the client is told of it."""
         self.mode, self.fault, self.event, self.paused = Mode.OFF, 0, 0, False
         self.payload_mass = 0.0
+        self.be_away()
+
+    def be_away(self) -> None:
+        """Have been silent for a moment before the next period; the client is told of it."""
         self._gone = True
 
     def forget_client(self) -> None:

@@ -28,7 +28,7 @@ from qrobot.rccl.process.reports import GeneratorReport, Happened, MotionProgres
 from qrobot.rccl.process.shared_values import GENERATOR, ValueCells, warm_up
 from qrobot.rccl.setpoints import Setpoints
 from qrobot.rccl.task import TrajectoryTask
-from qrobot.rci.arm_settings import load_is_lost
+from qrobot.rci.arm_settings import is_another, load_is_lost
 from qrobot.rci.client import Beside
 from qrobot.rci.link import check_welcome
 from qrobot.rci.process_main import portable
@@ -314,9 +314,12 @@ class GeneratorHost:
 
     # ---------------------------------------------------------------------------------------------------------- inside
 
-    def _tell_again(self, now: RobotState) -> None:
+    def _tell_again(self, now: RobotState, greeted: bool) -> None:
+        """See `ArmSettings.tell_again`."""
+        forgotten = greeted or is_another(self.task.how, now)
         lost = (self._load,) if load_is_lost(self._load, self.task.how, now) else ()
-        for packet in (*self._told_again.values(), *lost):
+        told = [packet for packet in self._told_again.values() if forgotten or isinstance(packet, Signals)]
+        for packet in (*told, *lost):
             self.link.tell(packet)
 
     def _farewell(self) -> None:

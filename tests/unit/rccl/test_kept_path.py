@@ -197,7 +197,7 @@ def test_a_servo_that_starts_anew_is_told_what_the_program_carries_before_it_has
         arm.waitas(lambda: arm.kept)
         said = len(fake.commands)
         fake.start_anew()
-        fake.payload_mass = carries  # of a servo that was away, but has not started anew
+        fake.payload_mass = carries  # which somebody else may have told it first
         arm.waitas(lambda begin=arm.time: arm.time > begin + 200)
         arm.resume()
         arm.waitfor(arm.completed)
@@ -207,6 +207,25 @@ def test_a_servo_that_starts_anew_is_told_what_the_program_carries_before_it_has
     assert [isinstance(packet, Payload) for packet in told].count(True) == (carries == 0.0)
     assert all(packet in [each for _, each in before] for packet in told)
     assert len(told) == 2 + (carries == 0.0)
+
+
+@pytest.mark.parametrize("way", ["stop", "fault"])
+def test_a_servo_that_was_away_for_a_moment_keeps_how_somebody_has_a_collision_told_since(
+    fake: FakeRobot, way: str
+) -> None:
+    with rccl.control("puma560") as arm:
+        arm.keep_path()
+        arm.collision("comply")
+        motions(arm)
+        arm.waitas(lambda: arm.time > 3000)
+        fail(fake, way)
+        arm.waitas(lambda: arm.kept)
+        fake.told = []
+        fake.be_away()
+        arm.waitas(lambda begin=arm.time: arm.time > begin + 200)
+        assert not fake.told
+        arm.resume()
+        arm.waitfor(arm.completed)
 
 
 def test_a_load_that_somebody_has_taken_away_is_not_told_to_the_next_servo(fake: FakeRobot) -> None:
