@@ -26,7 +26,7 @@ _STEP: Final = 0.1  # rad or m of the joint that moves most, between two looks
 
 
 class Clearance:
-    """Subsample at poses and ways of one robot, `fences` around it."""
+    """Looks at poses and ways of one robot, with `fences` around it."""
 
     def __init__(self, robot: Robot, fences: FenceSet | None = None) -> None:
         self._fences = None if fences is None else fences.wider(SPARE)
@@ -81,7 +81,7 @@ class Clearance:
 
 
 def _between(begin: Floats, end: Floats) -> Floats:
-    """Subsample at a straight way, both ends included. Shape (looks, n)."""
+    """Looks at a straight way, both ends included. Shape (looks, n)."""
     looks = 1 + int(np.ceil(np.abs(end - begin).max() / _STEP))
     return np.asarray(begin + np.linspace(0.0, 1.0, looks + 1)[:, None] * (end - begin))
 

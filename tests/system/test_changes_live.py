@@ -35,7 +35,7 @@ from tests.support.processes import UNHURRIED_MS, RunningArm, events_of, running
 from tests.support.puma import LIMITS, PARK, ROBOT
 from tests.support.puma import arm as puma
 from tests.support.shared_arm import return_to_start, settle
-from tests.support.stall_watch import StreamLostError, unless_stalled
+from tests.support.stall_watch import ANY_TIME_S, StreamLostError, unless_stalled
 
 pytestmark = pytest.mark.realtime
 
@@ -201,7 +201,7 @@ def disturbed_run(running: RunningArm, random: Random) -> Run:
     rows = logged(running, end_ns)
     rows = rows[(rows["t_ns"] >= begin_ns) & (rows["t_ns"] <= end_ns)]
     if FaultCode.STREAM_LOST in events_of(rows):  # in a stop that was asked for
-        raise StreamLostError
+        raise StreamLostError("as the log tells", ANY_TIME_S)
     whole = np.vstack([rows["q_ref"][:1], path])  # a plan begins where the arm is on its way already
     judged = in_time(rows)
     away = np.where(judged[::EACH], off(rows["q_ref"][::EACH], whole), 0.0)

@@ -483,7 +483,7 @@ def come_to(page: Page, place: Callable[[], bool], what: str) -> None:
     wait_until(there_or_failed, lambda: f"{what}: {how_it_ran(page)}")
     if state_of_program(page) == "failed":
         wait_until(lambda: "STREAM_LOST" in output_of(page), lambda: how_it_ran(page))
-        raise StreamLostError
+        raise StreamLostError(how_it_ran(page))
 
 
 def output_of(page: Page) -> str:

@@ -221,13 +221,13 @@ class GeneratorHost:
         return welcome
 
     def do_start(self) -> None:
-        """OrderAnswer the robot from now on."""
+        """Answer the robot from now on."""
         self._driver = ThreadDriver(self.link, self.task, "rccl-trajectory", self._tell_again)
         self.task.timing.share = self._driver.share
         self._driver.start()
 
     def do_end(self) -> None:
-        """OrderAnswer it no more."""
+        """Answer it no more."""
         if self._driver is not None:
             self._driver.end()
 
