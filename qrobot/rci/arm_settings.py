@@ -12,6 +12,7 @@ from qrobot.wire import AnalogOutputs, Collision, Payload, RobotState
 
 HEARD: Final = 3  # [A] samples in which an answer of the bridge comes
 CARRIED_NS: Final = 500_000_000  # in which a servo goes over to a payload (`servo.stages.payload`)
+OWED_NS: Final = 1_000_000_000  # [A] from telling a new servo to carrying: half of it goes over to the payload
 ANSWER_NS: Final = 3_000_000_000  # [A] in which a payload that was heard is carried, whatever else the servo does
 
 
@@ -43,7 +44,7 @@ class ArmSettings:
         self._lock, self._wait, self._samples, self._how = lock, wait, samples, how
         self.accepted: Callable[[Collision], object] = lambda _: None
         self._collision: Collision | None = None
-        self._load: Payload | None = None
+        self._load = CarriedLoad()
 
     def tell(self, packet: Payload | Collision | AnalogOutputs) -> None:
         """Have the servo take a setting, and wait until it does: a payload is carried in half a second.
@@ -66,7 +67,7 @@ class ArmSettings:
             self._collision = packet
             self.accepted(packet)
         elif isinstance(packet, Payload):
-            self._load = packet
+            self._load.carry(packet)
 
     def tell_again(self, now: RobotState | None = None, greeted: bool = True) -> None:
         """Tell a bridge that was `greeted` anew, or another servo, what it has forgotten: how collisions are told.
@@ -75,8 +76,8 @@ class ArmSettings:
         """
         if self._collision is not None and (greeted or is_another(self._how(), now)):
             self._link().tell(self._collision)
-        if now is not None and self._load is not None and load_is_lost(self._load, self._how(), now):
-            self._link().tell(self._load)
+        if now is not None and (load := self._load.lost(self._how(), now)) is not None:
+            self._link().tell(load)
 
     def _wait_unless_refused(self, kind: type[Payload | Collision | AnalogOutputs], done: Callable[[], bool]) -> None:
         self._wait(lambda: bool(self._link().refusal(kind)) or done())
@@ -106,9 +107,27 @@ def is_another(before: RobotState | None, now: RobotState | None) -> bool:
     return now.event == 0 or counts_anew
 
 
-def load_is_lost(load: Payload, before: RobotState | None, now: RobotState) -> bool:
-    """Whether `load` was in force before a servo, or the way to it, was away, and a new one carries nothing `now`.
+class CarriedLoad:
+    """A program's payload, which a servo that has started anew has to be told again."""
 
-    A payload that somebody else has told since stays.
-    """
-    return before is not None and before.payload_mass == load.mass > 0.0 and now.payload_mass == 0.0
+    def __init__(self) -> None:
+        self._load = Payload(0.0)
+        self._told_ns = -OWED_NS  # time of the servo that was told again last
+
+    def carry(self, load: Payload) -> None:
+        """Take note that the servo carries it from now on."""
+        self._load = load
+
+    def lost(self, before: RobotState | None, now: RobotState) -> Payload | None:
+        """The load in force `before` servo, or the way to it, was away; None unless a new one carries none `now`.
+
+        It is owed as well to the servo behind one that had no time to carry it. A payload that somebody else has told
+        since stays.
+        """
+        if before is None or now.payload_mass != 0.0 or self._load.mass == 0.0:
+            return None
+        owed = 0 <= before.t_ns - self._told_ns < OWED_NS
+        if before.payload_mass != self._load.mass and not owed:
+            return None
+        self._told_ns = now.t_ns
+        return self._load

@@ -28,7 +28,7 @@ from qrobot.rccl.process.reports import GeneratorReport, Happened, MotionProgres
 from qrobot.rccl.process.shared_values import GENERATOR, ValueCells, warm_up
 from qrobot.rccl.setpoints import Setpoints
 from qrobot.rccl.task import TrajectoryTask
-from qrobot.rci.arm_settings import is_another, load_is_lost
+from qrobot.rci.arm_settings import CarriedLoad, is_another
 from qrobot.rci.client import Beside
 from qrobot.rci.link import check_welcome
 from qrobot.rci.process_main import portable
@@ -129,7 +129,7 @@ class GeneratorHost:
         self._link: TcpLink | None = None
         self._driver: ThreadDriver | None = None
         self._told_again: dict[type, Signals | Collision] = {}
-        self._load = Payload(0.0)
+        self._load = CarriedLoad()
         self._teller = threading.Thread(target=self._tell, name="rccl-reports", daemon=True)
 
     def serve(self) -> None:
@@ -291,7 +291,7 @@ class GeneratorHost:
     def do_carry(self, load: Payload) -> None:
         """See `TrajectoryTask.carry`."""
         with self._locked():
-            self._load = load
+            self._load.carry(load)
             self.task.carry(load)
 
     def do_set(self, name: str, value: object) -> None:
@@ -317,9 +317,9 @@ class GeneratorHost:
     def _tell_again(self, now: RobotState, greeted: bool) -> None:
         """See `ArmSettings.tell_again`."""
         forgotten = greeted or is_another(self.task.how, now)
-        lost = (self._load,) if load_is_lost(self._load, self.task.how, now) else ()
+        load = self._load.lost(self.task.how, now)
         told = [packet for packet in self._told_again.values() if forgotten or isinstance(packet, Signals)]
-        for packet in (*told, *lost):
+        for packet in (*told, *(() if load is None else (load,))):
             self.link.tell(packet)
 
     def _farewell(self) -> None:

@@ -209,6 +209,34 @@ def test_a_servo_that_starts_anew_is_told_what_the_program_carries_before_it_has
     assert len(told) == 2 + (carries == 0.0)
 
 
+@pytest.mark.parametrize("reached", [0.0, 1.3])
+def test_a_load_is_told_until_a_servo_has_had_time_to_carry_it(fake: FakeRobot, reached: float) -> None:
+    with rccl.control("puma560") as arm:
+        arm.keep_path()
+        arm.setload(2.0)
+        motions(arm)
+        arm.waitas(lambda: arm.time > 3000)
+        fail(fake, "fault")
+        arm.waitas(lambda: arm.kept)
+        fake.told = []
+        for times in range(1, 4):  # each servo is away again before it carries the load
+            fake.start_anew()
+            arm.waitas(lambda begin=fake.seq: fake.seq > begin)
+            fake.before_period = lambda _: setattr(fake, "payload_mass", reached)
+            arm.waitas(lambda begin=arm.time: arm.time > begin + 200)
+            assert [packet.mass for _, packet in fake.told] == [2.0] * times
+            fake.before_period = None
+        fake.payload_mass = 2.0
+        arm.waitas(lambda begin=arm.time: arm.time > begin + 2000)
+        fake.told, fake.payload_mass = [], 0.0  # by somebody else
+        arm.waitas(lambda begin=arm.time: arm.time > begin + 200)
+        fake.start_anew()
+        arm.waitas(lambda begin=arm.time: arm.time > begin + 200)
+        assert not fake.told
+        arm.resume()
+        arm.waitfor(arm.completed)
+
+
 @pytest.mark.parametrize("way", ["stop", "fault"])
 def test_a_servo_that_was_away_for_a_moment_keeps_how_somebody_has_a_collision_told_since(
     fake: FakeRobot, way: str
