@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import os
 import signal
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -100,8 +101,12 @@ def test_a_law_that_hangs_on_the_way_loses_torque_and_power_and_the_arm_still_an
 
 def real_time_threads(process: int) -> list[int]:
     """Threads under SCHED_FIFO; there are none where that is not allowed."""
-    threads = [int(entry) for entry in os.listdir(f"/proc/{process}/task")]
-    return [each for each in threads if os.sched_getscheduler(each) & ~os.SCHED_RESET_ON_FORK == os.SCHED_FIFO]
+    found = []
+    for thread in map(int, os.listdir(f"/proc/{process}/task")):
+        with suppress(ProcessLookupError):  # it has ended meanwhile, as those that answer requests do
+            if os.sched_getscheduler(thread) & ~os.SCHED_RESET_ON_FORK == os.SCHED_FIFO:
+                found.append(thread)
+    return found
 
 
 def safe_ns(arm: RunningArm) -> int:
