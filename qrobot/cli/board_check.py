@@ -95,7 +95,7 @@ def _transport_to(arm: DeployedArm, read_only: bool) -> Bus:
 
 
 def _refuse_to_write_to_what_is_read_only(arm: DeployedArm, read_only: bool) -> None:
-    """Nothing of what such a walk writes would arrive. Raises ConfigError."""
+    """Raise ConfigError where nothing of what such a walk writes would arrive."""
     if arm.board.port is not None and arm.board.port.read_only and not read_only:
         raise ConfigError(f"{arm.name}: read_only = true in [arm.board.port]: walk with --read-only, then take it out")
 

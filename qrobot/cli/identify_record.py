@@ -122,7 +122,7 @@ def _recording(arm: DeployedArm, robot: Robot, output: Path) -> Iterator[Callabl
         follower.step(0)  # it begins here, before any move, or raises
         if not follower.recording:
             raise LinkError(f"the servo of {arm.name} is not ready: nothing would be recorded")
-        recorder = _Recorder(follower)
+        recorder = _RecorderThread(follower)
         try:
             yield recorder.check
         finally:
@@ -134,7 +134,7 @@ def _recording(arm: DeployedArm, robot: Robot, output: Path) -> Iterator[Callabl
         raise LogError(f"the log is incomplete: {refused[0]}")
 
 
-class _Recorder:
+class _RecorderThread:
     """A follower in a thread of its own, and what has ended it."""
 
     def __init__(self, follower: ServoFollower) -> None:

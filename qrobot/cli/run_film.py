@@ -19,9 +19,9 @@ from qrobot.fences.told_fences import told_fences
 from qrobot.log.animation import Film, Progress, write_animation, write_film
 from qrobot.log.read import read_log
 from qrobot.rci import Link, LinkFactory
-from qrobot.rci.client import Beside
+from qrobot.rci.forwarding_link import ForwardingLink
 from qrobot.units import NS_PER_S
-from qrobot.wire import Command, State, Welcome
+from qrobot.wire import Command, State
 
 NOTHING: Final = (
     "no film: the program has heard of no arm by a bridge; `qrobot arcl animate` makes one of a stream of ARCL"
@@ -57,46 +57,18 @@ class Heard:
         return lambda hello: HeardLink(factory(hello), self)
 
 
-class HeardLink:
-    """A `Link` that hands everything on, and keeps what is heard of the arm."""
+class HeardLink(ForwardingLink):
+    """A `Link` that keeps what is heard of the arm."""
 
     def __init__(self, link: Link, heard: Heard) -> None:
-        self.virtual_time = link.virtual_time
-        self._link, self._heard = link, heard
-
-    def open(self) -> Welcome:
-        """See `Link.open`."""
-        return self._link.open()
+        super().__init__(link)
+        self._heard = heard
 
     def exchange(self, command: Command | None) -> State:
         """See `Link.exchange`."""
-        state = self._link.exchange(command)
+        state = super().exchange(command)
         self._heard.hear(state)
         return state
-
-    def tell(self, packet: Beside) -> None:
-        """See `Link.tell`."""
-        self._link.tell(packet)
-
-    def refusal(self, kind: type[Beside]) -> str:
-        """See `Link.refusal`."""
-        return self._link.refusal(kind)
-
-    def take_servo_loss(self) -> bool:
-        """See `Link.take_servo_loss`."""
-        return self._link.take_servo_loss()
-
-    def now_ns(self) -> int:
-        """See `Link.now_ns`."""
-        return self._link.now_ns()
-
-    def reopen(self, period_us: int) -> Welcome:
-        """See `Link.reopen`."""
-        return self._link.reopen(period_us)
-
-    def close(self, reason: str = "") -> None:
-        """See `Link.close`."""
-        self._link.close(reason)
 
 
 @contextmanager

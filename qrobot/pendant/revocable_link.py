@@ -8,7 +8,7 @@ from typing import Final
 
 from qrobot.errors import MotionError
 from qrobot.rci import Link, LinkFactory
-from qrobot.rci.client import Beside
+from qrobot.rci.forwarding_link import ForwardingLink
 from qrobot.wire import Command, Hello, Mode, State, Welcome
 
 WITHOUT_POWER: Final = (Mode.OFF, Mode.POWERING)
@@ -19,7 +19,7 @@ class RevokedError(MotionError):
     """The arm was given up before it had power."""
 
 
-class RevocableLink:
+class RevocableLink(ForwardingLink):
     """A `Link` that asks for no power once the arm is given up.
 
     `open` raises RevokedError then, and so does `exchange` for an arm that has no power, or has got it in the newest
@@ -31,50 +31,26 @@ class RevocableLink:
     """
 
     def __init__(self, link: Link, given_up: Callable[[], bool]) -> None:
-        self.virtual_time = link.virtual_time
-        self._link, self._given_up = link, given_up
+        super().__init__(link)
+        self._given_up = given_up
         self._powerless = (False, False)  # in the sample before the newest, and in that
 
     def open(self) -> Welcome:
         """See `Link.open`."""
         if self._given_up():
             raise RevokedError(GIVEN_UP)
-        return self._link.open()
+        return super().open()
 
     def exchange(self, command: Command | None) -> State:
         """See `Link.exchange`."""
         self._insist(command)
-        state = self._link.exchange(command)
+        state = super().exchange(command)
         self._powerless = self._powerless[1], state.robot.mode in WITHOUT_POWER
         return state
 
-    def tell(self, packet: Beside) -> None:
-        """See `Link.tell`."""
-        self._link.tell(packet)
-
-    def refusal(self, kind: type[Beside]) -> str:
-        """See `Link.refusal`."""
-        return self._link.refusal(kind)
-
-    def take_servo_loss(self) -> bool:
-        """See `Link.take_servo_loss`."""
-        return self._link.take_servo_loss()
-
-    def now_ns(self) -> int:
-        """See `Link.now_ns`."""
-        return self._link.now_ns()
-
-    def reopen(self, period_us: int) -> Welcome:
-        """See `Link.reopen`."""
-        return self._link.reopen(period_us)
-
-    def close(self, reason: str = "") -> None:
-        """See `Link.close`."""
-        self._link.close(reason)
-
     def _insist(self, command: Command | None) -> None:
         if any(self._powerless) and self._given_up():
-            self._link.exchange(None if command is None else replace(command, power=False))
+            super().exchange(None if command is None else replace(command, power=False))
             raise RevokedError(GIVEN_UP)
 
 

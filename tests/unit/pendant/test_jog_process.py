@@ -20,6 +20,15 @@ from tests.support.patience import PATIENCE_S, give_time, wait_until
 ON = '{"do": "on"}'
 
 
+def serve(lines: Iterator[str], answers: io.StringIO) -> None:
+    """Let a process that jogs the arm obey lines to their end."""
+    process = JogProcess("puma560", pytest.fail, Path("unused"), answers)
+    reader = threading.Thread(target=process.read, args=(lines,))
+    reader.start()
+    process.run()
+    reader.join()
+
+
 @pytest.mark.realtime
 def test_a_second_on_does_not_take_the_arm_again_after_its_session_has_ended(monkeypatch: pytest.MonkeyPatch) -> None:
     began, told_twice, answers = threading.Event(), threading.Event(), io.StringIO()
@@ -40,11 +49,7 @@ def test_a_second_on_does_not_take_the_arm_again_after_its_session_has_ended(mon
         yield '{"do": "release"}'
 
     monkeypatch.setattr(jog_session, "open_channel", take)
-    process = JogProcess("puma560", pytest.fail, Path("unused"), answers)
-    reader = threading.Thread(target=process.read, args=(lines(),))
-    reader.start()
-    process.run()
-    reader.join()
+    serve(lines(), answers)
     assert "power was taken away" in answers.getvalue()
     assert taken == ["puma560"]
 
@@ -96,11 +101,7 @@ def test_people_are_told_why_the_pendant_no_longer_commands_the_arm(off: str, mo
         wait_until(lambda: answers.getvalue().count('"no"') == 3)
 
     monkeypatch.setattr(jog_session, "open_channel", take)
-    process = JogProcess("puma560", pytest.fail, Path("unused"), answers)
-    reader = threading.Thread(target=process.read, args=(lines(),))
-    reader.start()
-    process.run()
-    reader.join()
+    serve(lines(), answers)
     *_, first, _opening, second = answers.getvalue().splitlines()
     assert ("Power off was pressed" if off else "STOP was pressed") in first
     assert "pressed" not in second

@@ -171,6 +171,14 @@ def test_a_servo_that_starts_anew_has_nobody_s_word_that_the_arm_may_go_back(fak
         assert end.code == Termination.COMPLETED
 
 
+def ended_on_the_way(fake: FakeRobot, arm: rccl.Channel, way: str) -> None:
+    """Motions that the servo has ended in their midst; their path is kept."""
+    motions(arm)
+    arm.waitas(lambda: arm.time > 3000)
+    fail(fake, way)
+    arm.waitas(lambda: arm.kept)
+
+
 def stands_without_power(fake: FakeRobot, arm: rccl.Channel) -> None:
     """For some seconds, while the arm waits for somebody's word."""
     said, followed = len(fake.commands), len(fake.path)
@@ -191,10 +199,7 @@ def test_a_servo_that_starts_anew_is_told_what_the_program_carries_before_it_has
         arm.log_signal("depth", 0.3)
         arm.waitas(lambda: any(isinstance(packet, Signals) for _, packet in fake.told))
         before, fake.told = fake.told, []
-        motions(arm)
-        arm.waitas(lambda: arm.time > 3000)
-        fail(fake, "fault")
-        arm.waitas(lambda: arm.kept)
+        ended_on_the_way(fake, arm, "fault")
         said = len(fake.commands)
         fake.start_anew()
         fake.payload_mass = carries  # which somebody else may have told it first
@@ -214,10 +219,7 @@ def test_a_load_is_told_until_a_servo_has_had_time_to_carry_it(fake: FakeRobot, 
     with rccl.control("puma560") as arm:
         arm.keep_path()
         arm.setload(2.0)
-        motions(arm)
-        arm.waitas(lambda: arm.time > 3000)
-        fail(fake, "fault")
-        arm.waitas(lambda: arm.kept)
+        ended_on_the_way(fake, arm, "fault")
         fake.told = []
         for times in range(1, 4):  # each servo is away again before it carries the load
             fake.start_anew()
@@ -244,10 +246,7 @@ def test_a_servo_that_was_away_for_a_moment_keeps_how_somebody_has_a_collision_t
     with rccl.control("puma560") as arm:
         arm.keep_path()
         arm.collision("comply")
-        motions(arm)
-        arm.waitas(lambda: arm.time > 3000)
-        fail(fake, way)
-        arm.waitas(lambda: arm.kept)
+        ended_on_the_way(fake, arm, way)
         fake.told = []
         fake.be_away()
         arm.waitas(lambda begin=arm.time: arm.time > begin + 200)

@@ -165,6 +165,13 @@ def test_power_is_refused_with_the_reason_and_not_given_later_by_itself(
     assert bench.mode is Mode.HOLDING
 
 
+def ask_anew(bench: ServoBench) -> None:
+    """Let the level go down and up with no cycle between."""
+    bench.mailbox.request_power(False)
+    bench.mailbox.request_power(True)
+    bench.run(0.1)
+
+
 @pytest.mark.parametrize("taken", [False, True], ids=["refused", "taken away"])
 def test_a_request_that_was_down_for_less_than_a_cycle_is_one_made_anew(taken: bool) -> None:
     """Two COMMANDs that arrive together: the cycle sees the level of the second alone."""
@@ -178,9 +185,7 @@ def test_a_request_that_was_down_for_less_than_a_cycle_is_one_made_anew(taken: b
     bench.estop_ok = True
     bench.run(1.0)
     assert bench.mode is Mode.OFF
-    bench.mailbox.request_power(False)
-    bench.mailbox.request_power(True)
-    bench.run(0.1)
+    ask_anew(bench)
     assert bench.mode is Mode.HOLDING
 
 
@@ -193,9 +198,7 @@ def test_a_stop_before_power_is_on_takes_the_request_back() -> None:
     bench.mailbox.request_power(True)  # its commander goes on asking
     bench.run(1.0)
     assert bench.mode is Mode.OFF
-    bench.mailbox.request_power(False)
-    bench.mailbox.request_power(True)
-    bench.run(0.1)
+    ask_anew(bench)
     assert bench.mode is Mode.HOLDING
 
 
