@@ -247,7 +247,10 @@ EXPLANATION: dict[FaultCode, tuple[str, str]] = {
         "somebody stopped the arm before its power was on",
         "find out why, then ask for power anew: start the program again",
     ),
-    FaultCode.CAL_STOPPED: ("the calibration was stopped on request", "calibrate again"),
+    FaultCode.CAL_STOPPED: (
+        "the calibration was stopped on request, or `qrobot calibrate` was killed",
+        "calibrate again",
+    ),
     FaultCode.CAL_MOVED: (
         "the arm did not stay at rest while its counters were loaded",
         "keep it free from touch, then calibrate again",

@@ -50,9 +50,11 @@ def check(
     read_only
         Write nothing at all: the first thing to do with a real board.
     power
-        Make the steps with arm power too. THE ARM MAY SINK: support it, and keep a hand on the emergency stop.
+        Make the steps with arm power too: which way each joint goes, and whether its motor follows. THE ARM MAY SINK:
+        support it, and keep a hand on the emergency stop.
     yes
-        Ask nobody: leave out what needs hands, and take the questions of the steps with power as answered yes.
+        Ask nobody: leave out what needs hands or eyes, and take the questions of the steps with power as answered yes.
+        Nobody then sees which way joints with a brake go: a mirrored one is not found.
     json
         Print JSON.
     """

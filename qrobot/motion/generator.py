@@ -201,8 +201,8 @@ class Generator:
         """Drop all waiting requests and come to an absolute rest.
 
         It stays on its path, and takes at least `seconds`, or ends at its goal where that comes sooner. Where the
-        joints cannot follow a Cartesian path so, and on
-        the way to a goal that moves, it stops as soon as its joints can, beside the path.
+        joints cannot follow a Cartesian path so, and on the way to a goal that moves, it stops as soon as its joints
+        can, beside the path.
         """
         self._sequencer.stop(seconds)
 

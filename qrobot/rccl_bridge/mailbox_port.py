@@ -25,7 +25,7 @@ from qrobot.wire.vocabulary import LONGEST_PERIOD_US
 
 _MASKS: Final = {"B": 0xFF, "H": 0xFFFF, "I": 0xFFFFFFFF}  # by code of the field, as `struct` has it
 STALLED_NS: Final = 20_000_000  # a servo whose last cycle is older waits for its emulated board, or was stopped [A]
-NOTICED_NS: Final = LONGEST_PERIOD_US * NS_PER_US  # for which a new servo counts as away, so that each session sees it
+NEW_SERVO_NS: Final = LONGEST_PERIOD_US * NS_PER_US  # a new servo counts as away so long: each session sees it
 STALE_NS: Final = 250_000_000  # a servo whose last cycle is older does not run, whatever its guardian says
 
 
@@ -271,7 +271,7 @@ class ServoPort:
                 self._mailbox = None
                 raise LinkMismatch(f"the servo of {self.arm} drives {info.robot_name!r}, not {self.robot_name!r}")
             if self._was_here:
-                self._power_locked, self._new_until_ns = True, time.monotonic_ns() + NOTICED_NS
+                self._power_locked, self._new_until_ns = True, time.monotonic_ns() + NEW_SERVO_NS
             self._was_here = True
             self._mailbox = mailbox
         return self._mailbox

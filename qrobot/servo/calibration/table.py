@@ -33,9 +33,7 @@ FEWEST_ROWS: Final = 8
 FARTHEST_POT: Final = 32768  # 10 V
 FARTHEST_COUNT: Final = 65536  # a 16-bit counter, shifted by an offset as on joint 4
 OFF_LINE: Final = 0.5  # rows of pot travel by which a reading may lie beside the straight line through all
-OFF_ROBOT: Final = (
-    1.0  # rows by which that line may lie beside the robot file's; those of the vendor's sample lie within 0.2 [V]
-)
+OFF_ROBOT: Final = 1.0  # rows by which that line may lie beside the robot file's; 0.2 in the vendor's sample [V]
 _CRC: Final = re.compile(r"#\s*crc32\s+([0-9a-f]{8})\s*$")
 _REMEDY: Final = "measure it anew, or for an emulated arm `qrobot calibrate --make-table FILE`"
 

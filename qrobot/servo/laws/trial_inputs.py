@@ -34,8 +34,7 @@ def at_pose(law: Law, robot: Robot, q: Floats) -> Arguments:
 
 
 def at_poses(law: Law, robot: Robot) -> Iterator[tuple[str, Arguments]]:
-    """The arm at each pose of the robot file, by name: near its reference, and at it to the last bit, as when taken
-    over."""
+    """The arm at each pose of the robot file, by name: near its reference, and at it as when it is taken over."""
     for pose, q in robot.poses.items():
         yield f"at the pose {pose!r}", at_pose(law, robot, q)
         arguments = dict(zip(ARGUMENTS, at_pose(law, robot, q), strict=True))

@@ -99,7 +99,7 @@ def run_calibration(
 def _insist_on_no_halt(mailbox: ServoMailbox, halts: tuple[int, int]) -> None:
     """Raise ServoFault when somebody has asked for a stop, or for no power, since `halts` were counted."""
     if mailbox.halts != halts:
-        raise ServoFault(FaultCode.POWER_STOPPED, f"not calibrated: {explain(FaultCode.POWER_STOPPED)}")
+        raise ServoFault(FaultCode.CAL_STOPPED, f"not calibrated: {explain(FaultCode.CAL_STOPPED)}")
 
 
 def _power_on(mailbox: ServoMailbox, wait: Wait, before: ServoSnapshot, halts: tuple[int, int]) -> int:

@@ -201,7 +201,7 @@ class Controls:
         snapshot = mailbox.snapshot()
         if snapshot.mode == Mode.FAULT:
             raise QRobotError(f"clear the fault first: {explain(snapshot.fault)}")
-        if snapshot.mode == Mode.OFF:  # a request is an edge: the servo has to see the level go down and up
+        if snapshot.mode == Mode.OFF:  # a cycle with the level down ends what was told of an earlier request
             halts = mailbox.halts
             mailbox.request_power(False)
             self._wait_for_loop()

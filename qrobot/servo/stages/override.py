@@ -16,7 +16,7 @@ from qrobot.realtime.jit import lean_kernel
 from qrobot.servo.state import ServoState
 from qrobot.wire.vocabulary import LARGEST_OVERRIDE
 
-NOTICED_NS: Final = 250_000_000  # [A] within which every program has heard of it: two of the longest sample periods
+NOTICED_NS: Final = 250_000_000  # [A] every program has heard of it by then: over two of the longest periods
 TRACKING: Final = int(Mode.TRACKING)
 
 

@@ -227,7 +227,7 @@ static inline const char *qrobot_fault_text(int code)
     case 66: return "FOLLOWING: a joint lags behind its setpoint by more than allowed";
     case 70: return "CAL_BLOCKED: a joint needed too much torque to creep";
     case 71: return "CAL_ROOM: a joint came to the end of its range while it was calibrated";
-    case 72: return "CAL_STOPPED: the calibration was stopped on request";
+    case 72: return "CAL_STOPPED: the calibration was stopped on request, or `qrobot calibrate` was killed";
     case 73: return "CAL_MOVED: the arm did not stay at rest while its counters were loaded";
     case 74: return "CAL_NO_TABLE: the servo has no calibration table";
     case 75: return "IO_LOST: a remote module beside the board does not answer; its inputs read as safe";

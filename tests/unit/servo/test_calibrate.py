@@ -449,7 +449,7 @@ def test_a_stop_before_a_calibration_begins_is_not_overruled(mode: Mode, halt: C
         if not halted and rig.mode is mode:
             halted.append(halt(rig.mailbox))
 
-    with pytest.raises(ServoFault, match="POWER_STOPPED"):
+    with pytest.raises(ServoFault, match="not calibrated: CAL_STOPPED"):
         run_calibration(rig.mailbox, wait, 3)
     assert rig.mailbox.memory.command.calibrations == 0
     rig.run_for(1.0)
