@@ -19,6 +19,7 @@ from qrobot.config.scene import FORCE_AXES
 from qrobot.errors import LogError
 from qrobot.log.events import LogEvent, log_events
 from qrobot.log.read import Log
+from qrobot.servo.modes import TORQUE_ON
 from qrobot.whole_file import written_whole
 
 # Okabe and Ito's colours, told apart by colour-blind readers too; more joints than colours get another dash.
@@ -53,7 +54,7 @@ def positions_figure(log: Log) -> Figure:
 
 def errors_figure(log: Log) -> Figure:
     """Position tracking error, desired minus measured, over time (QRobot paper, figure 8)."""
-    return _joint_figure(log, "Position tracking error", "desired − measured", ("rad", "m"), log.tracking_error)
+    return _joint_figure(log, "Position tracking error", "desired − measured", ("rad", "m"), _error_under_torque(log))
 
 
 def torques_figure(log: Log) -> Figure:
@@ -173,7 +174,7 @@ def errors_of_runs_figure(logs: Sequence[Log]) -> Figure:
         for k, (joints, unit) in enumerate(panels):
             of_kind = list(columns[k :: len(panels)])
             for log, axes in zip(logs, of_kind, strict=True):
-                _plot_joints(axes, log, joints, log.tracking_error)
+                _plot_joints(axes, log, joints, _error_under_torque(log))
                 axes.set_ylabel(f"desired − measured ({unit})")
                 _mark(axes, log_events(log))
                 axes.legend(**LEGEND)
@@ -182,6 +183,12 @@ def errors_of_runs_figure(logs: Sequence[Log]) -> Figure:
             _head(axes, log, f"Position tracking error, law {log.header.law}")
         columns[-1].set_xlabel("time (s)")
     return figure
+
+
+def _error_under_torque(log: Log) -> NDArray[np.float64]:
+    """Tracking error while torque was given, NaN elsewhere: a reference that is the arm's own place has none."""
+    held = np.isin(log.rows["mode"], list(TORQUE_ON))
+    return np.where(held[:, None], log.tracking_error, np.nan)
 
 
 def _share_scale(several: Sequence[Axes]) -> None:

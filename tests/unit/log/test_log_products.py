@@ -229,3 +229,11 @@ def test_what_is_not_known_hides_no_peak_beside_it_from_a_figure(sign: float) ->
     assert line.size <= MAX_POINTS
     assert sign * 50.0 in line
     assert np.isnan(line).sum() == pytest.approx(MAX_POINTS / 6, abs=2)
+
+
+def test_no_error_is_drawn_where_no_torque_held_the_arm_to_its_reference() -> None:
+    log = make_log(100)
+    log.rows["mode"][:60], log.rows["mode"][60:90], log.rows["mode"][90:] = Mode.OFF, Mode.TRACKING, Mode.FAULT
+    for line in errors_figure(log).axes[0].get_lines()[:6]:
+        drawn = np.isfinite(np.asarray(line.get_ydata(), dtype=float))
+        assert np.flatnonzero(drawn).tolist() == list(range(60, 90))
