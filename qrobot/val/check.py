@@ -139,7 +139,7 @@ class _Checker:
         yield from found or self._expressions(action)
 
     def _words(self, action: tree.StepAction) -> Iterator[ProgramError]:
-        if not isinstance(action, tree.ProgramCall):  # a program may be handed PI, and leave it as it is
+        if not isinstance(action, tree.ProgramCall):  # a program is handed the value of PI
             yield from (ProgramError(refusal, column=1) for name in _names_given(action) if (refusal := taken(name)))
 
     def _moves(self, program: tree.ValProgram, action: tree.StepAction) -> Iterator[ProgramError]:

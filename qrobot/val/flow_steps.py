@@ -54,23 +54,26 @@ def _value(_run: Interpreter, task: ValTask, _action: tree.CaseValues) -> None:
     task.frame_now.pc = task.frame_now.jumps.to[task.frame_now.pc - 1]
 
 
-def _for(run: Interpreter, task: ValTask, action: tree.ForLoop) -> None:
+def _for(_run: Interpreter, task: ValTask, action: tree.ForLoop) -> None:
     frame = task.frame_now
-    at, key = frame.pc - 1, task.key_of(action.variable)
-    again, frame.again = frame.again == at, -1
-    if not again:
-        value = number_of(action.first, task)
-        step = 1.0 if action.step is None else number_of(action.step, task)
-        if step == 0.0:
-            raise ProgramError("FOR: a STEP of 0 never ends")
-        frame.loops[at] = number_of(action.last, task), step
-    else:
-        value = number_of(action.variable, task) + frame.loops[at][1]
+    at = frame.pc - 1
+    again = frame.again == at
+    if not again or at not in frame.loops:  # else GOTO, or the step of EXECUTE, has led into it
+        frame.loops[at] = _last_and_step(task, action)
     last, step = frame.loops[at]
-    run.machine.store(key, value)
+    value = number_of(action.variable, task) + step if again else number_of(action.first, task)
+    task.store(action.variable, value)
+    frame.again = -1
     if (value - last) * step > 0.0:
         del frame.loops[at]
         frame.pc = frame.jumps.to[at]
+
+
+def _last_and_step(task: ValTask, action: tree.ForLoop) -> tuple[float, float]:
+    step = 1.0 if action.step is None else number_of(action.step, task)
+    if step == 0.0:
+        raise ProgramError("FOR: a STEP of 0 never ends")
+    return number_of(action.last, task), step
 
 
 def _call(_run: Interpreter, task: ValTask, action: tree.ProgramCall) -> None:

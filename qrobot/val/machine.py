@@ -18,7 +18,7 @@ from qrobot.val.signal_lines import SignalLines
 from qrobot.val.source import SourceFile, constant_indices, stored_name
 from qrobot.val.tree import NumberLiteral, ValProgram, VariableName
 from qrobot.val.values import JointLocation, Transformation, ValValue, stored_location, stored_numbers
-from qrobot.val.vocabulary import ANALOG_OUTPUTS, INPUTS, INTERNAL, OUTPUTS, SWITCHES, taken
+from qrobot.val.vocabulary import ANALOG_OUTPUTS, INPUTS, INTERNAL, OUTPUTS, SWITCHES
 from qrobot.val.workspace import Workspace
 
 DEFAULT_MONITOR_SPEED: Final = 50.0  # percent; V+'s, recalled
@@ -30,6 +30,8 @@ _INCREMENT: Final = 1442695040888963407
 _BITS: Final = 64
 
 CellKey: TypeAlias = tuple[str, tuple[int, ...]]
+Cells: TypeAlias = dict[CellKey, ValValue]
+"""Values of variables, and of the elements of arrays, by name and indices."""
 
 
 class Machine:
@@ -53,7 +55,7 @@ class Machine:
         self.ask = ask
         self.space = Workspace(arm.robot)
         self.programs: dict[str, ValProgram] = {}
-        self.values: dict[CellKey, ValValue] = {}
+        self.values: Cells = {}
         self.switches = {switch: switch in ("CP", "MESSAGES") for switch in SWITCHES}
         self.hand_time_s = DEFAULT_HAND_TIME_S
         self.collision_percent = FILES_OWN
@@ -76,26 +78,15 @@ class Machine:
         self.values |= places | {_key(name): number for name, number in source.numbers.items()}
 
     def source(self) -> SourceFile:
-        """Everything that there is, for a file; variables of calls are left out."""
+        """Everything that there is, for a file."""
         found = SourceFile(dict(self.programs))
         for (name, indices), value in sorted(self.values.items(), key=lambda item: item[0]):
-            if ":" in name:
-                continue
             key = stored_name(VariableName(name, tuple(NumberLiteral(float(index)) for index in indices)))
             if isinstance(value, float):
                 found.numbers[key] = value
             else:
                 found.locations[key] = stored_numbers(value, self.robot)
         return found
-
-    def store(self, key: CellKey, value: ValValue) -> None:
-        """Give a variable a value. Raises ProgramError: it is a name of the language, or of the other kind."""
-        name, precise = key[0], key[0].rpartition(":")[2].startswith("#")
-        if refusal := taken(name):
-            raise ProgramError(refusal)
-        if precise != isinstance(value, JointLocation):
-            raise ProgramError("a precision point has a # in front, other locations and numbers have none")
-        self.values[key] = value
 
     # --------------------------------------------------------------------------------------- what expressions ask for
 

@@ -31,6 +31,7 @@ from qrobot.val.parser import parse_line, parse_variable
 from qrobot.val.printer import print_expression, print_number, print_program
 from qrobot.val.tree import NumberLiteral, ProgramLine, ValProgram, VariableName
 from qrobot.val.values import within_reason
+from qrobot.val.vocabulary import taken
 from qrobot.whole_file import replace_file
 
 MOST_LINES: Final = 100_000  # of a file [A]
@@ -205,11 +206,13 @@ def _parameters(text: str, number: int) -> tuple[str, ...]:
     wrong = next((name for name in names if not _PARAMETER.match(name)), None)
     if wrong is not None or len({name.lower() for name in names}) != len(names):
         raise ProgramError("expected names with commas as parameters, each once", number, 1)
+    if refusal := next(filter(None, (taken(name.lower()) for name in names)), ""):
+        raise ProgramError(refusal, number, 1)
     return tuple(name.lower() for name in names)
 
 
 def _entry(line: str) -> tuple[str, tuple[float, ...]] | None:
-    """Name and numbers of a stored value; None for an empty line."""
+    """Name and numbers of a stored value; None for an empty line. Raises ProgramError: such a value has none."""
     words = line.partition(";")[0].split()
     if not words:
         return None
@@ -219,7 +222,10 @@ def _entry(line: str) -> tuple[str, tuple[float, ...]] | None:
         raise ProgramError("expected a name and numbers with blanks between them", column=1) from None
     if not all(map(isfinite, numbers)):
         raise ProgramError("expected finite numbers", column=1)
-    return stored_name(parse_variable(words[0])), numbers
+    variable = parse_variable(words[0])
+    if refusal := taken(variable.name):
+        raise ProgramError(refusal, column=1)
+    return stored_name(variable), numbers
 
 
 def stored_name(variable: VariableName) -> str:

@@ -11,11 +11,14 @@ from qrobot.config import Robot
 from qrobot.errors import ProgramError
 from qrobot.val import tree
 from qrobot.val.evaluate import Surroundings, evaluate, indices_of
-from qrobot.val.machine import CellKey, Machine
+from qrobot.val.machine import CellKey, Cells, Machine
 from qrobot.val.structure import jumps_of
 from qrobot.val.values import JointLocation, Transformation, ValValue
+from qrobot.val.vocabulary import taken
 
 DEEPEST_CALL: Final = 100  # [A]
+ValueSlot: TypeAlias = tuple[Cells, CellKey]
+"""Where the value of a variable is kept: among which others, and by which key."""
 Until: TypeAlias = Callable[[], bool]
 Waits: TypeAlias = Iterator[Until]
 """What an instruction waits for, one after the other."""
@@ -38,7 +41,7 @@ class CallFrame:
         program: which one.
         pc: the step to come, from 0.
         priority: no reaction of this priority or below interrupts it.
-        bindings: variables that its parameters stand for.
+        bindings: the variables that its parameters stand for; those that only this call has end with it.
         loops: last value and step of each FOR under way, by its step.
         again: the FOR that its END has just led back to.
         interrupted: the caller's step that goes on afterwards, None for none.
@@ -47,7 +50,7 @@ class CallFrame:
     program: tree.ValProgram
     pc: int = 0
     priority: int = 0
-    bindings: dict[str, CellKey] = field(default_factory=dict)
+    bindings: dict[str, ValueSlot] = field(default_factory=dict)
     loops: dict[int, tuple[float, float]] = field(default_factory=dict)
     interrupted: StepUnderWay | None = None
     again: int = -1
@@ -106,7 +109,6 @@ class ValTask:
         self.seen: dict[int, bool] = {}
         self.on_error = ""
         self._run_signal = 0
-        self._calls = 0
         self.call(program, ())
         if not 0 <= step <= len(self.frames[0].program.lines):
             raise ProgramError(f"program {program} has steps 1 to {len(self.frames[0].program.lines)}")
@@ -146,11 +148,11 @@ class ValTask:
             raise ProgramError(f"program {name} has {len(program.parameters)} parameters, not {len(arguments)}")
         if len(self.frames) >= DEEPEST_CALL:
             raise ProgramError(f"calls are {DEEPEST_CALL} deep: program {name} calls itself without end")
-        self._calls += 1
+        own: Cells = {}
         bindings = {}
         given = [*arguments, *[None] * (len(program.parameters) - len(arguments))]
         for parameter, argument in zip(program.parameters, given, strict=True):
-            bindings[parameter] = self._bound(parameter, argument)
+            bindings[parameter] = self._bound(parameter, argument, own)
         now = self.frames[-1].priority if self.frames else 0
         self.frames.append(CallFrame(program, 0, now if priority is None else priority, bindings))
 
@@ -167,15 +169,13 @@ class ValTask:
         if interrupted is not None:
             self.doing, self.until, self.at, self.last = interrupted
 
-    def _bound(self, parameter: str, argument: tree.Expression | None) -> CellKey:
-        """The variable that a parameter stands for: the caller's own for a name, else one that only this call has."""
-        if isinstance(argument, tree.VariableName) and (key := self.key_of(argument)) is not None:
-            return key
-        key = (f"{self.name}:{self._calls}:{parameter}", ())
-        self.machine.values.pop(key, None)
+    def _bound(self, parameter: str, argument: tree.Expression | None, own: Cells) -> ValueSlot:
+        """The variable that a parameter stands for: the caller's for a variable, else one of the call's `own`."""
+        if isinstance(argument, tree.VariableName) and not taken(argument.name):
+            return self._slot(argument.name, indices_of(argument, self))
         if argument is not None:
-            self.machine.values[key] = evaluate(argument, self.around)
-        return key
+            own[parameter, ()] = evaluate(argument, self.around)
+        return own, (parameter, ())
 
     # ------------------------------------------------------------------------------------------------------ variables
 
@@ -189,17 +189,27 @@ class ValTask:
         """See `Surroundings`."""
         return self.machine.robot
 
-    def key_of(self, variable: tree.VariableName) -> CellKey:
-        """The key under which a variable's value is kept; parameters lead to the caller's."""
-        return self._resolved(variable.name, indices_of(variable, self))
+    def store(self, variable: tree.VariableName, value: ValValue) -> None:
+        """Give a variable a value. Raises ProgramError: it is a name of the language, or of the other kind."""
+        cells, key = self._slot(variable.name, indices_of(variable, self))
+        if refusal := taken(key[0]):
+            raise ProgramError(refusal)
+        if key[0].startswith("#") != isinstance(value, JointLocation):
+            raise ProgramError("a precision point has a # in front, other locations and numbers have none")
+        cells[key] = value
 
-    def _resolved(self, name: str, indices: tuple[int, ...]) -> CellKey:
+    def _slot(self, name: str, indices: tuple[int, ...]) -> ValueSlot:
+        """The slot of a variable's value; parameters lead to the caller's."""
         bound = self.frames[-1].bindings.get(name) if self.frames else None
-        return (name, indices) if bound is None else (bound[0], (*bound[1], *indices))
+        if bound is None:
+            return self.machine.values, (name, indices)
+        cells, (stored, outer) = bound
+        return cells, (stored, (*outer, *indices))
 
     def value(self, name: str, indices: tuple[int, ...]) -> ValValue | None:
         """See `Surroundings`."""
-        return self.machine.values.get(self._resolved(name, indices))
+        cells, key = self._slot(name, indices)
+        return cells.get(key)
 
     def frame(self, name: str) -> Floats:
         """See `Surroundings`."""

@@ -18,24 +18,24 @@ if TYPE_CHECKING:
 
 def _assign(run: Interpreter, task: ValTask, action: tree.Assignment) -> None:
     if not action.location:
-        run.machine.store(task.key_of(action.target), number_of(action.value, task))
+        task.store(action.target, number_of(action.value, task))
         return
     value = location_of(action.value, task)
     if action.target.name.startswith("#") and action.value == tree.VariableName("here"):
         value = JointLocation(run.machine.arm.q)
-    run.machine.store(task.key_of(action.target), value)
+    task.store(action.target, value)
 
 
 def _here(run: Interpreter, task: ValTask, target: tree.VariableName) -> None:
     _assign(run, task, tree.Assignment(target, tree.VariableName("here"), location=True))
 
 
-def _decompose(run: Interpreter, task: ValTask, action: tree.Decomposition) -> None:
+def _decompose(_run: Interpreter, task: ValTask, action: tree.Decomposition) -> None:
     location = location_of(action.location, task)
     numbers = location.q / joint_units(task.robot) if isinstance(location, JointLocation) else numbers_of(location.T)
     for index, number in enumerate(numbers):
         target = tree.VariableName(action.target, (tree.NumberLiteral(float(index)),))
-        run.machine.store(task.key_of(target), float(number))
+        task.store(target, float(number))
 
 
 def _set_numbered(run: Interpreter, task: ValTask, action: tree.NumberedAssignment) -> None:
@@ -103,7 +103,7 @@ def _prompt(run: Interpreter, task: ValTask, action: tree.PromptFor) -> Waits:
         raise ProgramError(f"PROMPT: expected a number, not {answer[:40]!r}") from None
     if not isfinite(number):
         raise ProgramError("PROMPT: expected a finite number")
-    run.machine.store(task.key_of(action.target), number)
+    task.store(action.target, number)
 
 
 WORDS: Final[dict[str, Callable[..., Waits | None]]] = {

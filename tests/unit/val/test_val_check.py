@@ -11,6 +11,7 @@ from qrobot.fences.fence_set import FenceSet
 from qrobot.val.check import check_text
 from qrobot.val.signal_lines import SignalLines, signal_lines_of
 from qrobot.val.values import transformation
+from qrobot.val.vocabulary import LOCATION_VALUES, NUMBER_VALUES
 from qrobot.val.workspace import Workspace
 from tests.support.val_runs import EXAMPLES, main_program
 
@@ -87,6 +88,15 @@ def test_a_mistake_is_told_with_line_and_column(line: str, column: int, said: st
     mistakes = check_text(main_program("; a comment", line, rest=PLACES), ROBOT)
     assert [(mistake.line, mistake.column) for mistake in mistakes] == [(3, column)]
     assert said in mistakes[0].what
+
+
+@pytest.mark.parametrize("word", sorted({*LOCATION_VALUES, *NUMBER_VALUES}))
+def test_a_stored_value_and_a_parameter_that_are_called_like_a_word_are_mistakes(word: str) -> None:
+    lines = "MOVE near", ".END", f".PROGRAM go(x, {word.upper()})", ".END", ".LOCATIONS", f"{word}[1] 0 0 100 90 -90 0"
+    text = main_program(*lines, ".END", ".REALS", f"{word} 5", rest=PLACES)
+    told = f"{word.upper()} is a word of VAL and cannot be given a value: choose another name"
+    found = [(mistake.line, mistake.what) for mistake in check_text(text, ROBOT)]
+    assert found == [(4, told), (7, told), (10, told)]
 
 
 @pytest.mark.parametrize(
