@@ -1,6 +1,7 @@
 """Whether the position columns of a recording are believable: counters that stand still or jump, columns exchanged.
 
-Everything here compares what was measured with what was asked for, row by row, before anything is fitted.
+Everything here compares what was measured with what was asked for, row by row, before anything is fitted: in cycles
+with an image. In the others positions were carried on and counts stand (`ident.dropouts`), which is no fault.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from qrobot.arrays import Bools, Floats
 from qrobot.config import Robot
 from qrobot.modecodes import Mode
 from qrobot.model.transmission import transmission_params
-from qrobot.servo.memory.telemetry import Rows
+from qrobot.servo.memory.telemetry import Rows, sampled
 
 STUCK_COUNTS: Final = 200  # that a motor was to turn while its counter did not: no friction holds an arm so far off
 STUCK_BAND: Final = 2  # counts between which a counter may toggle and still stand
@@ -65,7 +66,7 @@ def _unlike(robot: Robot, rows: Rows) -> Iterator[str]:
     """Joints whose position is not that of its counters."""
     per_joint = np.abs(transmission_params(robot).count_per_joint).sum(axis=0)
     off = np.abs(rows["q"] - _positions(robot, rows["counts"])) * per_joint > SAME_COUNTS
-    shares = (off & _under_way(rows)[:, None]).mean(axis=0)
+    shares = (off & (_under_way(rows) & sampled(rows))[:, None]).mean(axis=0)
     for joint in np.flatnonzero(shares):
         percent = max(1.0, 100.0 * shares[joint])
         yield (
@@ -77,11 +78,13 @@ def _unlike(robot: Robot, rows: Rows) -> Iterator[str]:
 def _stuck(robot: Robot, rows: Rows, period_s: float) -> Iterator[str]:
     """Counters that stay within a count or two while their motor was to turn."""
     wanted = rows["q_ref"] @ robot.transmission.coupling.T / robot.transmission.rad_per_count
+    seen = np.flatnonzero(sampled(rows))
+    counts, under_way = rows["counts"][seen], _under_way(rows)[seen]
     for joint, name in enumerate(robot.joint_names):
-        still = _still(rows["counts"][:, joint], wanted[:, joint], _under_way(rows))
+        still = _still(counts[:, joint], wanted[seen, joint], under_way)
         if (at := np.flatnonzero(still)).size:
-            begin, end = _stretched(rows["counts"][:, joint], int(at[0]), int(at[-1]))
-            first, last = begin * period_s, end * period_s
+            begin, end = _stretched(counts[:, joint], int(at[0]), int(at[-1]))
+            first, last = seen[begin] * period_s, seen[end] * period_s
             yield f"the encoder of {name} stands still from {first:.1f} to {last:.1f} s, though the joint was to move"
 
 
@@ -107,17 +110,18 @@ def _still(counts: NDArray[np.int64], wanted: Floats, under_way: Bools) -> Bools
 
 
 def _slipped(robot: Robot, rows: Rows, period_s: float) -> Iterator[str]:
-    """Counters that go farther in a cycle than a motor can."""
+    """Counters that go farther than a motor can, from an image to the next one."""
     transmission = robot.transmission
     fastest = np.abs(transmission.coupling) @ robot.limits.v_max / np.abs(transmission.rad_per_count)
-    steps = np.diff(rows["counts"], axis=0)
-    follows = (np.diff(rows["tick"]) == 1) & _under_way(rows)[1:]
-    jumps = (np.abs(steps) > TOO_FAST * fastest * period_s + JITTER) & follows[:, None]
+    seen = np.flatnonzero(sampled(rows))
+    steps, cycles = np.diff(rows["counts"][seen], axis=0), np.diff(seen)
+    follows = (np.diff(rows["tick"][seen]) == cycles) & _under_way(rows)[seen[1:]]
+    jumps = (np.abs(steps) > TOO_FAST * fastest * period_s * cycles[:, None] + JITTER) & follows[:, None]
     for joint in np.flatnonzero(jumps.any(axis=0)):
         first = int(jumps[:, joint].argmax())
         yield (
             f"the counter of {robot.joint_names[joint]} jumps by {steps[first, joint]:+d} at "
-            f"{(first + 1) * period_s:.1f} s, farther than the motor can turn in a cycle"
+            f"{seen[first + 1] * period_s:.1f} s, farther than the motor can turn in a cycle"
         )
 
 

@@ -17,6 +17,7 @@ from qrobot.config import Robot
 from qrobot.errors import IdentificationError
 from qrobot.hwif.registers import DAC_ZERO
 from qrobot.ident.base import BaseParameters
+from qrobot.ident.dropouts import long_dropout, measured_positions
 from qrobot.ident.excitation import RUN_S
 from qrobot.ident.fourier import States
 from qrobot.ident.observe import RESOLUTION, slowest_rates
@@ -76,11 +77,13 @@ def observe_motion(robot: Robot, regressor: Regressor, base: BaseParameters, row
     """
     samples = round(WINDOW_S / period_s)
     moves = (np.abs(rows["v_ref"]) > RESTS * robot.limits.v_max).any(axis=1)
-    starts, motion = _windows(rows, moves, samples, round(SHORTEST_S / period_s))
+    sound = ~limited(rows).any(axis=1) & (rows["flags"] >> 8 == 0) & ~long_dropout(rows, period_s)
+    starts, motion = _windows(rows, moves, sound, samples, round(SHORTEST_S / period_s))
     if not len(starts):
         raise IdentificationError("nothing recorded moves for long: record what `qrobot identify plan --dynamic` shows")
     weights, coupling = window_weights(samples, period_s), robot.transmission.coupling
-    q = 0.5 * (rows["q"][1:] + rows["q"][:-1])  # a torque acts from its own cycle's position to the next one's
+    q = measured_positions(rows)
+    q = 0.5 * (q[1:] + q[:-1])  # a torque acts from its own cycle's position to the next one's
     at = States(*(_means(q, starts, weight) for weight in weights))
     dac_per_Nm = robot.transmission.dac_per_Nm
     torque = _means((rows["dac"][:-1] - DAC_ZERO) / dac_per_Nm, starts, weights.value)
@@ -99,11 +102,10 @@ def observe_motion(robot: Robot, regressor: Regressor, base: BaseParameters, row
     )
 
 
-def _windows(rows: Rows, moves: Bools, samples: int, shortest: int) -> tuple[Ints, Ints]:
-    """First rows of windows that follow each other, none of them spoilt, and the number of the motion of each."""
+def _windows(rows: Rows, moves: Bools, sound: Bools, samples: int, shortest: int) -> tuple[Ints, Ints]:
+    """First rows of windows that follow each other, all of them sound, and the number of the motion of each."""
     follows = np.append(np.diff(rows["tick"]) == 1, [False])
     under_way = moves & follows & (rows["mode"] == Mode.TRACKING)
-    sound = ~limited(rows).any(axis=1) & (rows["flags"] >> 8 == 0)
     edges = np.flatnonzero(np.diff(np.concatenate([[False], under_way, [False]]).astype(np.int8))).reshape(-1, 2)
     found = [
         (start, number)

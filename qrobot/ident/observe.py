@@ -19,6 +19,7 @@ from qrobot.arrays import Bools, Floats, Ints
 from qrobot.config import Robot
 from qrobot.hwif.registers import DAC_ZERO
 from qrobot.ident.base import BaseParameters, base_of_robot
+from qrobot.ident.dropouts import long_dropout, measured_positions
 from qrobot.ident.recording import limited
 from qrobot.ident.regressor import OF_GRAVITY, Regressor, inertial_regressor, known_parameters
 from qrobot.ident.window import Weights, subsample, window_weights
@@ -105,11 +106,12 @@ class Observations:
 def steady_passes(rows: Rows, period_s: float) -> list[Pass]:
     """Passes of a log, shape (rows,), in which the arm tracks setpoints that do not accelerate it.
 
-    A pass ends where a torque is at its limit, where a frame was missed, and where rows are lost.
+    A pass ends where a torque is at its limit, where a frame was missed, where rows are lost, and where images are.
     """
     moves = (rows["v_ref"] != 0.0).any(axis=1)
     calm = (np.abs(rows["a_ref"]) < CRUISE).all(axis=1)
     good = (rows["mode"] == Mode.TRACKING) & calm & moves & ~limited(rows).any(axis=1) & (rows["flags"] >> 8 == 0)
+    good &= ~long_dropout(rows, period_s)
     good[1:] &= np.diff(rows["tick"]) == 1
     edges = np.flatnonzero(np.diff(np.concatenate([[False], good, [False]]).astype(np.int8)))
     skip, shortest = round(SETTLING_S / period_s), round(SHORTEST_S / period_s)
@@ -157,14 +159,17 @@ class Observer:
 
     def observe(self, rows: Rows, period_s: float, loaded: bool = False) -> Observations:
         """The observations of a log, rows of shape (r,), of an arm that is `loaded` or not."""
-        passes = enumerate(steady_passes(rows, period_s))
-        parts = [self._reduce(rows, p, number, period_s, loaded) for number, p in passes]
+        passes, q = enumerate(steady_passes(rows, period_s)), measured_positions(rows)
+        parts = [self._reduce(rows, q, p, number, period_s, loaded) for number, p in passes]
         return _stacked([none_of(self._robot.n, len(self._base.leading), 2 * len(self._wrong) + self._robot.n), *parts])
 
-    def _reduce(self, log: Rows, steady: Pass, number: int, period_s: float, loaded: bool) -> Observations:
-        rows, transmission = log[steady.start : steady.stop], self._robot.transmission
+    def _reduce(
+        self, log: Rows, measured: Floats, steady: Pass, number: int, period_s: float, loaded: bool
+    ) -> Observations:
+        part, transmission = slice(steady.start, steady.stop), self._robot.transmission
+        rows, q = log[part], measured[part]
         turning = np.flatnonzero(np.abs(rows["v_ref"] @ transmission.coupling.T).min(axis=0) > self._slowest)
-        q = 0.5 * (rows["q"][1:] + rows["q"][:-1])  # a torque acts from its own cycle's position to the next one's
+        q = 0.5 * (q[1:] + q[:-1])  # a torque acts from its own cycle's position to the next one's
         window = window_weights(len(q), period_s)
         looks = subsample(window, 1 + len(q) // EVERY)
         Y = self._to_motor @ np.tensordot(looks.share, self._regressor(q[looks.at]), 1)

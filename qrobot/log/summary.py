@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from qrobot.config.scene import FORCE_AXES
 from qrobot.log.read import Log
 from qrobot.modecodes import Mode
+from qrobot.servo.memory.telemetry import sampled
 from qrobot.units import NS_PER_S
 
 
@@ -30,10 +31,12 @@ class TrackingSummary:
     """One run's row in the table of `qrobot demo`.
 
     Attributes:
-        max_abs_error: per joint, largest |desired - measured| while tracking, rad or m; NaN when it never tracked.
+        max_abs_error: per joint, largest |desired - measured| of tracking cycles with an image, rad or m; NaN when there is
+            none.
         rms_error: per joint, root mean square of the same.
         tracking_cycles: cycles in mode TRACKING.
         cycles: all cycles in the log.
+        dropout_cycles: cycles without a new image, in which positions were carried on.
         late_cycles: cycles that began more than half a period late.
         skipped_cycles: cycles of the grid that never began.
         lost_rows: cycles that are missing from the log.
@@ -45,6 +48,7 @@ class TrackingSummary:
     rms_error: tuple[float, ...]
     tracking_cycles: int
     cycles: int
+    dropout_cycles: int
     late_cycles: int
     skipped_cycles: int
     lost_rows: int
@@ -67,13 +71,14 @@ def plain_numbers(value: Any) -> Any:
 
 def tracking_summary(log: Log) -> TrackingSummary:
     """Numbers of one log."""
-    tracking = log.rows["mode"] == Mode.TRACKING
-    error = log.tracking_error[tracking]
+    tracking, seen = log.rows["mode"] == Mode.TRACKING, sampled(log.rows)
+    error = log.tracking_error[tracking & seen]
     return TrackingSummary(
         max_abs_error=_per_joint(np.max, np.abs(error)),
         rms_error=tuple(math.sqrt(value) for value in _per_joint(np.mean, error**2)),
         tracking_cycles=int(tracking.sum()),
         cycles=log.rows.size,
+        dropout_cycles=int((~seen).sum()),
         late_cycles=int((log.rows["late_ns"] > log.header.period_ns / 2).sum()),
         skipped_cycles=_skipped_cycles(log),
         lost_rows=log.status.lost,

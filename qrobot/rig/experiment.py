@@ -36,7 +36,7 @@ from qrobot.rig.lockstep import LockstepRig, link_factory
 from qrobot.servo.kernels.interpolation_polynomials import DEFAULT_FORM
 from qrobot.servo.kernels.velocity import DEFAULT_ESTIMATOR
 from qrobot.servo.laws import DEFAULT_LAW, law_label
-from qrobot.servo.memory.telemetry import FLAG_UNSEEN, Rows
+from qrobot.servo.memory.telemetry import Rows, sampled
 from qrobot.servo.settings import ServoSettings
 from qrobot.sim_board.emulator import Emulator
 from qrobot.sim_board.mismatch import PlantMismatch
@@ -232,7 +232,7 @@ def stalled_before_fault(log: Log) -> bool:
     faults = _rows_with_fault(log)
     if not faults.size:
         return False
-    fault_ns, seen = faults["t_ns"][0], log.rows["flags"] & FLAG_UNSEEN == 0
+    fault_ns, seen = faults["t_ns"][0], sampled(log.rows)
     seen_ns = log.rows["t_ns"][seen & (log.rows["t_ns"] <= fault_ns)]
     stalls = np.diff(seen_ns) >= STALL_NS
     return bool(np.any(stalls & (seen_ns[1:] > fault_ns - AFTERMATH_NS)))

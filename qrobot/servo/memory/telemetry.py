@@ -15,6 +15,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from qrobot.arrays import Bools
 from qrobot.faultcodes import NO_JOINT
 from qrobot.hwif.registers import N_ADCS
 from qrobot.realtime.atomics import acquire_fence, load_acquire, release_fence, store_release
@@ -165,6 +166,11 @@ class TelemetryLayout:
             elif name == "event_joint":
                 whole[name] = NO_JOINT
         return whole
+
+
+def sampled(rows: Rows) -> Bools:
+    """True in cycles with a new image; in the others positions were carried on, and counts stood. Shape (r,)."""
+    return np.asarray(rows["flags"] & FLAG_UNSEEN == 0)
 
 
 def ring_words(row_words: int, capacity: int) -> int:

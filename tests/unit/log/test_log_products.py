@@ -20,6 +20,7 @@ from qrobot.log.read import Log
 from qrobot.log.status import LogStatus
 from qrobot.log.summary import tracking_summary
 from qrobot.modecodes import Mode
+from qrobot.servo.memory.telemetry import FLAG_UNSEEN
 from tests.support.log_samples import PERIOD_NS, make_header, make_rows
 
 PNG = b"\x89PNG\r\n\x1a\n"
@@ -52,6 +53,15 @@ def test_the_rms_of_a_single_outlier_among_n_cycles_is_its_size_over_root_n() ->
     summary = tracking_summary(log)
     assert summary.max_abs_error[0] == pytest.approx(0.2)
     assert summary.rms_error[0] == pytest.approx(0.2 / 20)
+
+
+def test_positions_that_were_carried_on_have_no_error() -> None:
+    log = with_error(make_log(100, 2), [1e-3, 2e-3])
+    log.rows["flags"][40:50] |= FLAG_UNSEEN
+    log.rows["q"][40:50] = log.rows["q_ref"][40:50]
+    summary = tracking_summary(log)
+    np.testing.assert_allclose(summary.rms_error, [1e-3, 2e-3], atol=1e-15)
+    assert (summary.tracking_cycles, summary.dropout_cycles) == (100, 10)
 
 
 def test_a_log_that_never_tracked_has_no_error_instead_of_a_perfect_one() -> None:
