@@ -7,6 +7,7 @@ the same by QR): W theta = W_lead beta with beta = K theta.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
@@ -19,6 +20,7 @@ from qrobot.ident.regressor import Regressor
 
 _SAMPLES: Final = 100  # random states; twice as many change nothing
 _DEPENDENT: Final = 1e-9  # of the longest column's length: rounding of well-scaled states is 1e-15
+_LEAST: Final = 1e-5  # m/s2 (m2/s2), rms: shorter columns are the rounding of an upright joint's direction [A]
 _NOTHING: Final = 1e-9  # coefficient of a parameter that takes no part
 
 
@@ -63,14 +65,15 @@ def _term(factor: float, name: str) -> str:
 
 
 def base_parameters(W: Floats, names: Sequence[str], order: Sequence[int] | None = None) -> BaseParameters:
-    """The combinations that the rows of `W` (rows, p) can tell.
+    """The combinations that the rows of `W` (rows, p) can tell; none where no joint bears weight.
 
     Args:
         W: stacked regressor, at states that move everything.
         names: of its columns.
         order: columns in the order in which they may lead; default as they stand.
     """
-    shortest, leading = _DEPENDENT * float(np.linalg.norm(W, axis=0).max()), []
+    longest, leading = float(np.linalg.norm(W, axis=0).max()), []
+    shortest = max(_DEPENDENT * longest, _LEAST * math.sqrt(len(W)))
     basis = np.zeros((len(W), 0))
     for column in range(len(names)) if order is None else order:
         rest = W[:, column] - basis @ (basis.T @ W[:, column])

@@ -74,7 +74,7 @@ class ExcitationPlan:
     Attributes:
         robot: name.
         swings: through poses, then sweeps.
-        condition: of the base parameters at the poses, columns scaled to length 1.
+        condition: of the base parameters at the poses, columns scaled to length 1; 1 where there are none.
         seconds: an estimate of the whole.
     """
 
@@ -127,15 +127,20 @@ def make_plan(
     if poses * robot.n < sought or len(candidates) < poses:
         raise IdentificationError(f"{poses} of {len(candidates)} clear poses cannot tell {sought} parameters")
     columns = motor_columns(robot, base.columns(regressor(candidates)))
-    chosen = choose_informative(columns, poses)
+    chosen = choose_informative(columns, poses) if sought else list(range(poses))  # for friction alone
     through = [_swing(robot, f"pose {i + 1}", q, half, SWING_SPEED) for i, q in enumerate(candidates[chosen])]
     centres = [robot.poses[READY], *candidates]
     sweeps = list(_sweeps(robot, clearance, centres, (*SLOW_SPEEDS, *SWEEP_SPEEDS) if slow else SWEEP_SPEEDS))
     swings = tuple(_in_order(robot, clearance, through, sweeps))
     seconds = _estimate(robot, swings)
-    stacked = columns[chosen].reshape(-1, columns.shape[-1])
-    condition = np.linalg.cond(stacked / np.linalg.norm(stacked, axis=0))
-    return ExcitationPlan(robot.name, swings, float(condition), seconds)
+    return ExcitationPlan(robot.name, swings, _condition(np.concatenate(columns[chosen])), seconds)
+
+
+def _condition(columns: Floats) -> float:
+    """Condition of columns (rows, b), scaled to length 1; 1 where there are none."""
+    if not columns.shape[1]:
+        return 1.0
+    return float(np.linalg.cond(columns / np.linalg.norm(columns, axis=0)))
 
 
 def choose_informative(columns: Floats, count: int) -> list[int]:

@@ -70,7 +70,9 @@ def _document(found: Identified, date: str, data: str) -> dict[str, Any]:
 
 
 def _friction(friction: Floats) -> dict[str, list[float]]:
-    return {name: column.round(_DIGITS).tolist() for name, column in zip(FRICTION_NAMES, friction.T, strict=True)}
+    """Friction (n, 3) by its name; what came out below nothing within its interval is none."""
+    columns = zip(FRICTION_NAMES, np.maximum(friction, 0.0).T, strict=True)
+    return {name: column.round(_DIGITS).tolist() for name, column in columns}
 
 
 def _add_inertia(document: dict[str, Any], inertial: InertialModel) -> None:
@@ -89,12 +91,14 @@ def _need_better(found: Identified) -> None:
         raise IdentificationError(f"no held-back pass turns {unjudged}: record more poses")
     if worse := _named(robot, found.held_back_rms > _as_good(found)):
         raise IdentificationError(f"the fit predicts {worse} worse than the robot file does: no model is written")
-    if reversed_ := _named(robot, (found.friction[:, 1:] < -np.abs(found.friction[:, :1])).all(axis=1)):
+    least = _least_friction(robot, found.unknowns.parts(found.fit.half_width).friction)
+    viscous, coulomb = found.friction[:, :1], found.friction[:, 1:]
+    if reversed_ := _named(robot, (coulomb < np.minimum(-np.abs(viscous), least[:, 1:])).all(axis=1)):
         raise IdentificationError(
             f"friction of {reversed_} pushes: the sign of its torque is reversed, in the log or in the robot file's "
             "dac_per_Nm"
         )
-    if negative := _named(robot, (found.friction < 0.0).any(axis=1)):
+    if negative := _named(robot, (found.friction < least).any(axis=1)):
         raise IdentificationError(f"friction of {negative} comes out negative: look at the passes it was recorded in")
 
 
@@ -108,13 +112,26 @@ def _as_good(found: Identified) -> Floats:
     return np.maximum(np.hypot(WORSE * found.before_rms, CLEARLY * found.held_back_doubt), smallest)
 
 
+def _least_friction(robot: Robot, half_width: Floats) -> Floats:
+    """Friction down to which a motor may have none: clearly below its interval, and by more than can be commanded.
+
+    Args:
+        robot: the robot file.
+        half_width: of the intervals of viscous friction and of Coulomb's. Shape (n, 3).
+    """
+    smallest = HALF_STEP / np.abs(robot.transmission.dac_per_Nm)
+    fastest = np.abs(robot.transmission.coupling) @ robot.limits.v_max
+    return np.asarray(-CLEARLY * half_width - np.column_stack([smallest / fastest, smallest, smallest]))
+
+
 def _need_better_inertia(inertial: InertialModel) -> None:
     robot = inertial.steady.robot
     if unjudged := _named(robot, np.isnan(inertial.held_back_rms)):
         raise IdentificationError(f"no held-back motion turns {unjudged}: record the whole plan")
     if worse := _named(robot, inertial.held_back_rms > WORSE * inertial.before_rms):
         raise IdentificationError(f"inertia as found predicts {worse} worse than the robot file's: no model is written")
-    if negative := _named(robot, (inertial.friction < 0.0).any(axis=1)):
+    half_width = inertial.fit.half_width[len(inertial.base.leading) :].reshape(inertial.friction.shape)
+    if negative := _named(robot, (inertial.friction < _least_friction(robot, half_width)).any(axis=1)):
         raise IdentificationError(f"friction of {negative} comes out negative in fast motion: is it the same arm?")
 
 

@@ -31,8 +31,8 @@ class TrackingSummary:
     """One run's row in the table of `qrobot demo`.
 
     Attributes:
-        max_abs_error: per joint, largest |desired - measured| of tracking cycles with an image, rad or m; NaN when there is
-            none.
+        max_abs_error: per joint, largest |desired - measured| of tracking cycles with an image, rad or m; NaN
+            when there is none.
         rms_error: per joint, root mean square of the same.
         tracking_cycles: cycles in mode TRACKING.
         cycles: all cycles in the log.

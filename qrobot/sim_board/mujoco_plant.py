@@ -74,7 +74,7 @@ class PlantMemory:
 
     @property
     def wrist(self) -> Floats:
-        """Force and torque of the tool on the flange in the last step, in its frame, N and N m. A view, shape (6,).
+        """Force and torque of the flange on the tool in the last step, in its frame, N and N m. A view, shape (6,).
 
         Empty without a sensor.
         """

@@ -19,6 +19,7 @@ from qrobot.ident.plan import POSES, ExcitationPlan, make_plan
 from qrobot.ident.regressor import gravity_regressor, inertial_regressor, known_parameters
 from qrobot.ident.result import model_of
 from qrobot.ident.session import identify_log, inertia_of_log
+from qrobot.ident.unknowns import LEAST_FRICTION
 from qrobot.rig.identify import record_lockstep
 from qrobot.rig.perturbed_arm import PerturbedArm
 from qrobot.servo.memory.telemetry import Rows
@@ -107,7 +108,7 @@ def compared(arm: PerturbedArm, found: Identified, seed: int) -> ArmResult:
 
     Returns:
         gravity_before, gravity_rms: error of the robot file and of the model at random poses, N m (N), by joint.
-        friction_error: of viscous and Coulomb friction as a share of the truth, by motor.
+        friction_error: of viscous and Coulomb friction as a share of the truth, or of `LEAST_FRICTION`, by motor.
         deviations: error of each value by name, in its own standard deviations.
     """
     regressor, base, robot = found.regressor, found.base, found.robot
@@ -122,7 +123,7 @@ def compared(arm: PerturbedArm, found: Identified, seed: int) -> ArmResult:
     return {
         "gravity_before": kept(_rms(before - held)),
         "gravity_rms": kept(_rms(found.gravity(q) - held)),
-        "friction_error": kept(found.friction / friction - 1.0),
+        "friction_error": kept((found.friction - friction) / np.maximum(friction, LEAST_FRICTION)),
         "deviations": dict(zip(names, kept(deviations), strict=True)),
     }
 

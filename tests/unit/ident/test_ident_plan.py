@@ -55,6 +55,23 @@ def test_an_arm_that_no_swing_is_clear_for_is_told_so(tmp_path: Path) -> None:
         make_plan(robot, regressor, base_of_robot(robot, regressor), poses=12)
 
 
+def lying(gravity: float) -> Robot:
+    """A PUMA that hardly feels its weight."""
+    geometry = PUMA.geometry.model_copy(update={"gravity_m_s2": np.array([gravity, 0.0, 0.0])})
+    return PUMA.model_copy(update={"geometry": geometry})
+
+
+@pytest.mark.parametrize("gravity", [0.0, 1e-6])
+def test_an_arm_no_joint_of_which_bears_weight_has_a_plan_for_its_friction(gravity: float) -> None:
+    robot = lying(gravity)
+    regressor = gravity_regressor(robot)
+    base = base_of_robot(robot, regressor)
+    assert base.leading == ()
+    weightless = make_plan(robot, regressor, base, poses=12)
+    assert len({tuple(swing.centre) for swing in weightless.swings if swing.name.startswith("pose")}) == 12
+    assert (len(weightless.swings), weightless.condition) == (12 + 3 * PUMA.n, 1.0)
+
+
 @ROBOTS
 def test_every_swing_and_every_way_between_is_clear(name: str) -> None:
     robot = load_robot(name)

@@ -29,11 +29,12 @@ from qrobot.log.header import header_for
 from qrobot.log.record import write_log
 from qrobot.model.dynamics import dynamics_params, with_payload
 from qrobot.servo.memory.telemetry import TelemetryLayout
-from tests.support.observations import generated, puma_base
+from tests.support.observations import drawn, generated, puma_base
 
 PUMA = load_robot("puma560")
 N = PUMA.n
 LOAD_KG = 1.2
+NOTHING_RECORDED = (TelemetryLayout(N).empty(3), "2026-11-21")
 FLANGE = np.array([0.0, 0.0, PUMA.geometry.flange_m])
 
 
@@ -195,6 +196,31 @@ def test_an_arm_that_is_exactly_as_its_file_says_gets_a_model() -> None:
     for seed in range(5):
         seen = generated(base.K @ known_parameters(PUMA, regressor), friction, 1e-4, seed)
         model_of(identify(PUMA, base, regressor, seen), TelemetryLayout(N).empty(3), "2026-11-21")
+
+
+@pytest.mark.parametrize("none", [[0], [1, 2], [0, 1, 2]])
+def test_an_arm_without_viscous_or_coulomb_friction_gets_a_model(none: list[int]) -> None:
+    regressor, base = puma_base()
+    below = False
+    for seed in range(3):
+        beta, friction = drawn(seed)
+        friction[:, none] = 0.0
+        found = identify(PUMA, base, regressor, generated(beta, friction, 0.02, seed))
+        below |= bool((found.friction < 0.0).any())
+        given = model_of(found, TelemetryLayout(N).empty(3), "2026-11-21").friction
+        assert min(given.viscous.min(), given.coulomb_pos.min(), given.coulomb_neg.min()) == 0.0
+    assert below
+
+
+def test_coulomb_friction_clearly_below_nothing_is_refused() -> None:
+    values = found().fit.values.copy()
+    values[found().unknowns.n_weights + 1] = -0.06  # of the waist: 0.0196 is its half width, half a step 0.025 N m
+    doubtful = replace(found().fit, values=values)
+    with pytest.raises(IdentificationError, match="friction of waist comes out negative"):
+        model_of(replace(found(), fit=replace(doubtful, covariance=0.5 * doubtful.covariance)), *NOTHING_RECORDED)
+    given = model_of(replace(found(), fit=doubtful), *NOTHING_RECORDED)
+    assert given.friction.coulomb_pos[0] == 0.0
+    assert {value.name: value.value for value in given.value}["waist.coulomb_pos"] == -0.06
 
 
 def test_gravity_no_arm_has_is_refused() -> None:
