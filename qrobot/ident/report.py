@@ -16,7 +16,7 @@ from qrobot.arrays import Floats
 from qrobot.config import Robot
 from qrobot.config.identified import IdentifiedModel
 from qrobot.errors import IdentificationError
-from qrobot.ident.figures import predicted_figure, residual, residuals_figure, structure_figure
+from qrobot.ident.figures import predicted_figure, residuals_figure, structure_figure
 from qrobot.ident.friction import FRICTION_NAMES, REMAINDER_NAMES
 from qrobot.ident.model import Identified, rms_by_motor
 from qrobot.ident.regressor import known_parameters
@@ -73,7 +73,7 @@ def report_page(
 ) -> str:
     """The page as text."""
     images = [f'<img alt="" src="data:image/png;base64,{base64.b64encode(png).decode()}">' for png in pictures]
-    parts = [_facts(found, model), _joints(found, previous), *images, _parameters(model, previous)]
+    parts = [_facts(found, model), _joints(found, model, previous), *images, _parameters(model, previous)]
     return _PAGE.format(title=f"Identification of {escape(model.robot)}, {model.date}", body="\n".join(parts))
 
 
@@ -112,19 +112,25 @@ def _unit(found: Identified) -> str:
     return "Masses and moments are true ones." if free else "The robot file's torques were taken as true."
 
 
-def _joints(found: Identified, previous: IdentifiedModel | None) -> str:
-    """Errors by joint: of passes held back, and of all passes."""
-    seen, n = found.observations, found.robot.n
+def _joints(found: Identified, model: IdentifiedModel, previous: IdentifiedModel | None) -> str:
+    """Errors by joint: of passes held back, and of all passes without a load, by models alike."""
     names = found.robot.joint_names
     columns = {
         "held back, identified": found.held_back_rms,
         "held back, robot file": found.before_rms,
-        "all passes, identified": rms_by_motor(residual(found), seen.motor, n),
+        "all without a load, identified": _error_of(model, found),
     }
     if previous is not None:
-        columns["all passes, previous model"] = rms_by_motor(seen.torque - predicted_by(previous, found), seen.motor, n)
+        columns["all without a load, previous model"] = _error_of(previous, found)
     rows = ([name, *(f"{column[j]:.3f}" for column in columns.values())] for j, name in enumerate(names))
     return "<h2>Error of predicted torque, N m (N), rms</h2>" + _table(["joint", *columns], rows)
+
+
+def _error_of(model: IdentifiedModel, found: Identified) -> Floats:
+    """Root mean square error of a model's prediction of the passes without a load, by motor. Shape (n,)."""
+    seen = found.observations
+    left, bare = seen.torque - predicted_by(model, found), ~seen.loaded
+    return rms_by_motor(left[bare], seen.motor[bare], found.robot.n)
 
 
 def _parameters(model: IdentifiedModel, previous: IdentifiedModel | None) -> str:
