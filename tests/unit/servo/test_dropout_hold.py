@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from qrobot.faultcodes import FaultCode
+from qrobot.ident.counters import counter_faults
 from qrobot.modecodes import Mode
 from qrobot.model.transmission import counts_to_joint
 from qrobot.servo.hold import hold_position
@@ -116,6 +117,20 @@ def test_telemetry_shows_what_the_law_saw_marks_it_and_keeps_the_counts() -> Non
     assert (rows["flags"] & FLAG_UNSEEN != 0).tolist() == [False, True, True, True, False, False, False]
     assert (np.diff(rows["counts"][:, WRIST]) != 0).tolist() == [False, False, False, True, True, True]
     assert np.all(np.diff(rows["q"][:, WRIST]) > 0.5e-3)
+
+
+def test_neither_silence_nor_a_glitch_makes_a_recording_that_an_identification_refuses() -> None:
+    bench = patient()
+    moving(bench, speed=1.0, joint=WRIST)
+    silence(bench, STALL_S)
+    bench.tick(20)
+    bench.slip = {WRIST: 30_000}
+    bench.tick(2)
+    bench.slip = {}
+    bench.tick(20)
+    rows = bench.rows()
+    assert np.any(rows["flags"] & FLAG_UNSEEN)
+    assert counter_faults(PUMA, rows, 1e-9 * bench.params.period_ns) == []
 
 
 def test_a_joint_held_back_as_a_glitch_is_carried_on_as_well() -> None:
