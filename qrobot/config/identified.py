@@ -66,7 +66,7 @@ class IdentifiedDrives(Table):
 
 
 class Quality(Table):
-    """Error of torques predicted for passes held back, N·m, and of the robot file's; `condition` is that of the fit.
+    """Error of torques that the servo predicts for passes held back, N·m, and the robot file's; `condition` of the fit.
 
     `motion_rms` is the error for motion that accelerates, `motion_before_rms` that with the robot file's inertia.
     """

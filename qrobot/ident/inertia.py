@@ -112,7 +112,7 @@ def identify_inertia(steady: Identified, regressor: Regressor, base: BaseParamet
         fit,
         _bodies(robot, base, fit),
         _error(steady, kept, _beta(robot, base, regressor, bodies), trial.values[b:]),
-        _error(steady, kept, _beta(robot, base, regressor, before.links), steady.friction.ravel()),
+        _error(steady, kept, _beta(robot, base, regressor, before.links), steady.compensated_friction.ravel()),
     )
 
 
@@ -180,7 +180,7 @@ def _known_rows(steady: Identified, base: BaseParameters, gravity_only: bool = F
     rows[:gravity, : len(base.leading)] = _gravity_of(steady.base, base)
     if not gravity_only:
         rows[gravity:, len(base.leading) :] = np.eye(rubs)
-    return whiten @ rows, whiten @ steady.fit.values[chosen]
+    return whiten @ rows, whiten @ steady.compensated[chosen]
 
 
 def _gravity_of(gravity: BaseParameters, whole: BaseParameters) -> Floats:

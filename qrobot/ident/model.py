@@ -17,6 +17,7 @@ from qrobot.ident.observe import Observations
 from qrobot.ident.regressor import Regressor
 from qrobot.ident.scale import fit_scaled, heaviest_motor, less_inertia
 from qrobot.ident.structure import terms_of, terms_seen
+from qrobot.ident.swings import swings_of
 from qrobot.ident.terms import KINDS, FrictionTermKind, Terms
 from qrobot.ident.unknowns import OF_LOAD, Description, Unknowns
 
@@ -30,7 +31,7 @@ _ADVICE: Final[dict[FrictionTermKind, str]] = {
     "`record --slow`, then `identify friction`, and `--friction speed`, tell more",
     "load": "It is fitted beside the rest; no law compensates it. `--friction load` seeks it on every motor",
 }
-HELD_BACK: Final = 5  # every fifth pass is not fitted at first, but predicted
+HELD_BACK: Final = 5  # every fifth swing is not fitted at first, but predicted
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,9 +42,10 @@ class Identified:
         unknowns: what was sought, in the order of the fit.
         fit: of the unknowns.
         observations: what was fitted.
-        held_back_rms: error of the prediction of passes held back, unloaded ones, motor side, N m (N). Shape (n,).
+        held_back_rms: error with which a servo that had the numbers of the other passes would predict those held back,
+            unloaded ones, motor side, N m (N). Shape (n,).
         before_rms: error of the robot file's prediction of the same passes. Shape (n,).
-        held_back_doubt: deviation of the prediction for what the other passes leave in doubt. Shape (n,).
+        held_back_doubt: deviation of that prediction for what the other passes leave in doubt. Shape (n,).
     """
 
     unknowns: Unknowns
@@ -77,6 +79,17 @@ class Identified:
     def friction(self) -> Floats:
         """Viscous, Coulomb of positive and of negative motion, by motor, as commanded torque. Shape (n, 3)."""
         return self.unknowns.parts(self.fit.values).friction
+
+    @property
+    def compensated(self) -> Floats:
+        """Values as a servo has them, whose friction is viscous and Coulomb's alone. Shape (p,)."""
+        unloaded = self.observations.only(~self.observations.loaded)
+        return np.asarray(self.unknowns.compensated(self.fit.values, unloaded) @ self.fit.values)
+
+    @property
+    def compensated_friction(self) -> Floats:
+        """Friction as `friction`, with what of the terms it can stand for. Shape (n, 3)."""
+        return self.unknowns.parts(self.compensated).friction
 
     @property
     def sticking(self) -> tuple[str, ...]:
@@ -190,23 +203,24 @@ def identify(
     observations = less_inertia(unknowns, observations, load_kg)
     plain = fit_scaled(unknowns, observations, load_kg)
     unknowns = replace(unknowns, terms=_terms(unknowns, plain, observations, kinds))
-    held = observations.passed % HELD_BACK == HELD_BACK - 1
+    held = swings_of(robot, observations) % HELD_BACK == HELD_BACK - 1
     trial = fit_scaled(unknowns, observations.only(~held), load_kg)
     kept = observations.only(held & ~observations.loaded)  # the robot file knows nothing of a load
-    slopes = unknowns.jacobian(trial.values, kept)
-    doubt = np.sqrt(np.maximum((slopes @ trial.covariance * slopes).sum(axis=1), 0.0))
+    of_servo = unknowns.compensated(trial.values, observations.only(~held & ~observations.loaded))
+    written = of_servo @ trial.values
+    doubt = _doubt(unknowns.jacobian(written, kept) @ of_servo, trial)
     fit = plain if unknowns.terms is None else fit_scaled(unknowns, observations, load_kg)
     return Identified(
         unknowns,
-        fit if unknowns.terms is None else _widened(fit, plain, trial, kept, doubt, unknowns),
+        fit if unknowns.terms is None else _widened(fit, plain, trial, kept, unknowns),
         observations,
-        rms_by_motor(kept.torque - unknowns.predict(trial.values, kept), kept.motor, robot.n),
+        rms_by_motor(kept.torque - unknowns.predict(written, kept), kept.motor, robot.n),
         rms_by_motor(kept.torque - unknowns.predict(unknowns.before(), kept), kept.motor, robot.n),
         rms_by_motor(doubt, kept.motor, robot.n),
     )
 
 
-def _widened(fit: Fit, plain: Fit, trial: Fit, kept: Observations, doubt: Floats, unknowns: Unknowns) -> Fit:
+def _widened(fit: Fit, plain: Fit, trial: Fit, kept: Observations, unknowns: Unknowns) -> Fit:
     """The fit with the intervals that passes held back call for: terms may follow what is chance.
 
     Weights are taken as no better known than without terms: those are of friction, and tell nothing of weight.
@@ -215,15 +229,20 @@ def _widened(fit: Fit, plain: Fit, trial: Fit, kept: Observations, doubt: Floats
         fit, trial: of all passes, and of those that were not held back.
         plain: of all passes, without terms.
         kept: passes held back.
-        doubt: deviation of their prediction for what the others leave in doubt. Shape (m,).
         unknowns: of both fits.
     """
+    doubt = _doubt(unknowns.jacobian(trial.values, kept), trial)
     expected = np.sqrt(doubt**2 + kept.doubt**2 + trial.scatter[kept.motor] ** 2)
     off = np.abs(kept.torque - unknowns.predict(trial.values, kept)) / expected
     surprise = float(np.sqrt(np.mean(np.minimum(off, OUTLIER) ** 2))) if len(kept) else 1.0
     wider, weights = np.full(len(fit.values), max(1.0, surprise)), slice(unknowns.n_weights)
     wider[weights] = np.maximum(wider[weights], plain.half_width[weights] / fit.half_width[weights])
     return replace(fit, covariance=np.outer(wider, wider) * fit.covariance)
+
+
+def _doubt(slopes: Floats, fit: Fit) -> Floats:
+    """Deviation of what is predicted with slopes (m, p) by the values of a fit. Shape (m,)."""
+    return np.asarray(np.sqrt(np.maximum((slopes @ fit.covariance * slopes).sum(axis=1), 0.0)))
 
 
 def _terms(

@@ -57,7 +57,7 @@ def _document(found: Identified, date: str, data: str) -> dict[str, Any]:
         "date": date,
         "data": data,
         "links": {"mass": mass.round(_DIGITS).tolist(), "com": com.round(_DIGITS).tolist()},
-        "friction": _friction(found.friction),
+        "friction": _friction(found.compensated_friction),
         "drives": {"torque_scale": found.scale.round(_DIGITS).tolist()},
         "quality": {
             "held_back_rms": found.held_back_rms.round(_DIGITS).tolist(),
@@ -98,7 +98,7 @@ def _need_better(found: Identified) -> None:
             f"friction of {reversed_} pushes: the sign of its torque is reversed, in the log or in the robot file's "
             "dac_per_Nm"
         )
-    if negative := _named(robot, (found.friction < least).any(axis=1)):
+    if negative := _named(robot, (np.minimum(found.friction, found.compensated_friction) < least).any(axis=1)):
         raise IdentificationError(f"friction of {negative} comes out negative: look at the passes it was recorded in")
 
 

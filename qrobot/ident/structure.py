@@ -19,6 +19,7 @@ import numpy as np
 from qrobot.arrays import Floats, Ints
 from qrobot.ident.fit import Fit
 from qrobot.ident.observe import Observations
+from qrobot.ident.swings import swings_of
 from qrobot.ident.terms import KINDS, FrictionTermKind, Term, Terms
 from qrobot.ident.unknowns import Unknowns
 from qrobot.ident.whitened import WhitenedFit, unexplained
@@ -27,7 +28,6 @@ CHANCE: Final = 0.01  # of a false alarm in a whole recording, all motors and ki
 SMALLEST: Final = 0.002  # of Coulomb friction, rms: less changes no interval that anybody looks at [A]
 BENDS: Final = 0.02  # of Coulomb friction at a tenth of greatest speed: stiction of 1.5 has left as much
 BEND_DOUBT: Final = 0.15  # of Coulomb friction: least deviation of what fades with speed, once friction bends [A]
-SWING: Final = 2  # passes, forwards and back
 FEWEST: Final = 12  # passes of a motor
 _DRAWS: Final = 4000
 _ROUNDS: Final = 60  # of expectation and maximisation
@@ -125,16 +125,15 @@ def _gain(
     along = directions.T @ left.residual
     rms = float(np.sqrt(np.mean(((directions @ along)[: len(seen)] / left.inverse)[mine] ** 2)))
     coulomb = float(np.mean(np.abs(unknowns.parts(fit.values).friction[motor, 1:])))
-    tries = unknowns.robot.n * len(KINDS)
-    if rms <= SMALLEST * coulomb or _chance(directions[: len(seen)], left.residual, seen) >= CHANCE / tries:
+    tries, swing = unknowns.robot.n * len(KINDS), swings_of(unknowns.robot, seen)
+    if rms <= SMALLEST * coulomb or _chance(directions[: len(seen)], left.residual, swing) >= CHANCE / tries:
         return 0.0
     return float(np.square(along).sum()) / int(directions.shape[1])
 
 
-def _chance(directions: Floats, residual: Floats, seen: Observations) -> float:
-    """Share of random signs of swings with which directions (m, c) explain as much as they do."""
-    each = directions * residual[: len(seen), None]
-    swing = seen.passed // SWING
+def _chance(directions: Floats, residual: Floats, swing: Ints) -> float:
+    """Share of random signs of swings (m,) with which directions (m, c) explain as much as they do."""
+    each = directions * residual[: len(swing), None]
     by_swing = np.stack([np.bincount(swing, column) for column in each.T], axis=1)
     by_swing = by_swing[np.abs(by_swing).any(axis=1)]
     signs = np.random.default_rng(0).choice((-1.0, 1.0), size=(_DRAWS, len(by_swing)))

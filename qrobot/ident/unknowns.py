@@ -18,7 +18,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from qrobot.arrays import Floats, Ints
+from qrobot.arrays import Bools, Floats, Ints
 from qrobot.config import Robot
 from qrobot.ident.base import BaseParameters
 from qrobot.ident.friction import (
@@ -181,6 +181,33 @@ class Unknowns:
     def before(self) -> Floats:
         """Values of the robot file, and zero for a load. Shape (p,)."""
         return np.array([description.before for description in self.descriptions()])
+
+    def compensated(self, values: Floats, observations: Observations) -> Floats:
+        """Matrix that makes of the values those that a servo has. Shape (p, p).
+
+        It has no remainder, drift or terms. Where terms were sought, viscous and Coulomb friction are those that come
+        nearest to friction and terms at the speeds and loads of these observations; viscous friction is never below
+        zero. A ripple, whose mean over a turn is nothing, leaves none in them.
+        """
+        linear = self.n_weights + self.n_friction
+        matrix = np.diag((np.arange(len(values)) < linear + len(self.free)).astype(np.float64))
+        if self.terms is not None:
+            nearest = self._nearest_friction(self.terms, observations, np.ones(self.n_friction, np.bool_))
+            rubs = slice(self.n_weights, linear)
+            both = np.r_[rubs, len(values) - self.n_terms : len(values)]
+            rises = (nearest @ values[both]).reshape(-1, len(FRICTION_NAMES)) >= 0.0
+            rises[:, 1:] = True
+            matrix[rubs, both] = self._nearest_friction(self.terms, observations, rises.ravel())
+        return matrix
+
+    def _nearest_friction(self, terms: Terms, observations: Observations, sought: Bools) -> Floats:
+        """Friction nearest to friction and terms, by both; zero where it is not sought (n_friction,)."""
+        rubs = self.friction_jacobian(observations.motor, observations.rate)
+        lasting = [terms.sought[owner].kind != "position" for owner in terms.owner.tolist()]
+        nearest = np.zeros((self.n_friction, self.n_friction + self.n_terms))
+        both = np.column_stack([rubs, self.term_columns(observations) * lasting])
+        nearest[sought] = np.linalg.lstsq(rubs[:, sought], both)[0]
+        return nearest
 
     def descriptions(self) -> Iterator[Description]:
         """Descriptions of the unknowns in turn."""

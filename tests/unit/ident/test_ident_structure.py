@@ -8,15 +8,20 @@ from functools import cache
 import numpy as np
 import pytest
 
-from qrobot.config import load_robot
-from qrobot.ident.figures import structure_figure
-from qrobot.ident.model import Identified, identify
+from qrobot.config import Robot, load_robot
+from qrobot.config.identified import with_model
+from qrobot.ident.figures import residual, structure_figure
+from qrobot.ident.friction import FRICTION_NAMES
+from qrobot.ident.model import Identified, identify, rms_by_motor
 from qrobot.ident.observe import HARMONICS, Observations
+from qrobot.ident.regressor import known_parameters
+from qrobot.ident.result import model_of
 from qrobot.ident.terms import KINDS, FrictionTermKind
+from qrobot.servo.memory.telemetry import TelemetryLayout
 from tests.support.observations import drawn, generated, puma_base
 
 PUMA = load_robot("puma560")
-N, ELBOW = PUMA.n, 2
+N, SHOULDER, ELBOW = PUMA.n, 1, 2
 SPEEDS = np.outer([0.1, 0.2, 0.4, 0.7], PUMA.limits.v_max)
 ARMS = 3
 NOISE = 0.01
@@ -70,6 +75,39 @@ def test_what_varies_is_named_with_what_to_do(kind: FrictionTermKind) -> None:
     said = [warning for warning in fitted.warnings if f"friction varies with {kind}" in warning]
     assert len(said) == 1
     assert f"--friction {kind}" in said[0]
+
+
+def missed(robot: Robot, seen: Observations) -> np.ndarray:
+    """Rms error with which a servo of this robot predicts the torque of passes, by motor: from links and friction."""
+    regressor, base = puma_base()
+    preset = robot.friction[robot.control.friction_preset]
+    friction = np.column_stack([preset.viscous, preset.coulomb_pos, preset.coulomb_neg])
+    commanded = robot.transmission.dac_per_Nm / PUMA.transmission.dac_per_Nm
+    direction = np.where(seen.rate > 0.0, friction[seen.motor, 1], -friction[seen.motor, 2])
+    weight = commanded[seen.motor] * (seen.gravity @ base.K @ known_parameters(robot, regressor))
+    rubs = commanded[seen.motor] * (friction[seen.motor, 0] * seen.rate + direction)
+    return rms_by_motor(seen.torque - weight - rubs, seen.motor, N)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_what_is_judged_is_the_model_that_the_servo_loads(kind: FrictionTermKind) -> None:
+    fitted = found(0, kind)
+    robot = with_model(PUMA, model_of(fitted, TelemetryLayout(N).empty(1), "2026-11-27"))
+    servos = missed(robot, fitted.observations)
+    np.testing.assert_allclose(fitted.held_back_rms, servos, rtol=0.2)
+    assert residual(fitted).std() < 0.1 * servos.max()  # the fit, which has what no servo has, tells nothing of it
+
+
+@pytest.mark.parametrize("kind", ["speed", "load"])
+def test_the_servo_gets_the_friction_that_stands_for_what_it_has_not(kind: FrictionTermKind) -> None:
+    fitted = found(0, kind)
+    model = model_of(fitted, TelemetryLayout(N).empty(1), "2026-11-27")
+    bare = dict(zip(FRICTION_NAMES, fitted.friction.T, strict=True))  # viscous and Coulomb's beside the terms
+    without = model.model_copy(update={"friction": model.friction.model_copy(update=bare)})
+    servos, bares = (missed(with_model(PUMA, each), fitted.observations) for each in (model, without))
+    assert (servos < 1.01 * bares).all()
+    assert servos[SHOULDER] < 0.5 * bares[SHOULDER]
+    assert min(model.friction.viscous) >= 0.0
 
 
 def test_friction_that_is_as_the_servo_has_it_is_not_named() -> None:
