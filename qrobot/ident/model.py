@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -15,7 +15,7 @@ from qrobot.ident.base import BaseParameters, base_parameters
 from qrobot.ident.fit import OUTLIER, Fit
 from qrobot.ident.observe import Observations
 from qrobot.ident.regressor import Regressor
-from qrobot.ident.scale import fit_scaled, heaviest_motor, less_inertia
+from qrobot.ident.scale import fit_scaled, heaviest_motor, inertia_errors, less_inertia
 from qrobot.ident.structure import terms_of, terms_seen
 from qrobot.ident.swings import swings_of
 from qrobot.ident.terms import KINDS, FrictionTermKind, Terms
@@ -200,43 +200,71 @@ def identify(
     unknowns = Unknowns(robot, regressor, base, load, seconds=seconds)
     if not known_torque:
         unknowns = replace(unknowns, free=_free(unknowns, observations, load_kg))
-    observations = less_inertia(unknowns, observations, load_kg)
-    plain = fit_scaled(unknowns, observations, load_kg)
-    unknowns = replace(unknowns, terms=_terms(unknowns, plain, observations, kinds))
     held = swings_of(robot, observations) % HELD_BACK == HELD_BACK - 1
-    trial = fit_scaled(unknowns, observations.only(~held), load_kg)
-    kept = observations.only(held & ~observations.loaded)  # the robot file knows nothing of a load
-    of_servo = unknowns.compensated(trial.values, observations.only(~held & ~observations.loaded))
-    written = of_servo @ trial.values
-    doubt = _doubt(unknowns.jacobian(written, kept) @ of_servo, trial)
-    fit = plain if unknowns.terms is None else fit_scaled(unknowns, observations, load_kg)
+    whole, trial = (_told(unknowns, each, load_kg, kinds) for each in (observations, observations.only(~held)))
+    kept = less_inertia(observations.only(held & ~observations.loaded), trial.errors)  # the robot file knows no load
+    of_servo = trial.unknowns.compensated(trial.fit.values, trial.observations.only(~trial.observations.loaded))
+    written = of_servo @ trial.fit.values
+    doubt = _doubt(trial.unknowns.jacobian(written, kept) @ of_servo, trial.fit)
     return Identified(
-        unknowns,
-        fit if unknowns.terms is None else _widened(fit, plain, trial, kept, unknowns),
-        observations,
-        rms_by_motor(kept.torque - unknowns.predict(written, kept), kept.motor, robot.n),
+        whole.unknowns,
+        whole.fit if whole.unknowns.terms is None else _widened(whole, trial, kept),
+        whole.observations,
+        rms_by_motor(kept.torque - trial.unknowns.predict(written, kept), kept.motor, robot.n),
         rms_by_motor(kept.torque - unknowns.predict(unknowns.before(), kept), kept.motor, robot.n),
         rms_by_motor(doubt, kept.motor, robot.n),
     )
 
 
-def _widened(fit: Fit, plain: Fit, trial: Fit, kept: Observations, unknowns: Unknowns) -> Fit:
+class _Told(NamedTuple):
+    """Unknowns as some passes tell them.
+
+    Attributes:
+        unknowns: what was sought, with the terms of friction that they show.
+        observations: passes without the torque of errors of inertia.
+        errors: those errors. Shape (i,).
+        plain: fit without terms.
+        fit: with them.
+    """
+
+    unknowns: Unknowns
+    observations: Observations
+    errors: Floats
+    plain: Fit
+    fit: Fit
+
+
+def _told(
+    unknowns: Unknowns, observations: Observations, load_kg: float | None, kinds: tuple[FrictionTermKind, ...] | None
+) -> _Told:
+    """Everything unknown: errors of inertia, then friction as the servo has it, then its terms beside the rest."""
+    errors = inertia_errors(unknowns, observations, load_kg)
+    observations = less_inertia(observations, errors)
+    plain = fit_scaled(unknowns, observations, load_kg)
+    terms = _terms(unknowns, plain, observations, kinds)
+    if terms is None:
+        return _Told(unknowns, observations, errors, plain, plain)
+    unknowns = replace(unknowns, terms=terms)
+    return _Told(unknowns, observations, errors, plain, fit_scaled(unknowns, observations, load_kg))
+
+
+def _widened(whole: _Told, trial: _Told, kept: Observations) -> Fit:
     """The fit with the intervals that passes held back call for: terms may follow what is chance.
 
     Weights are taken as no better known than without terms: those are of friction, and tell nothing of weight.
 
     Args:
-        fit, trial: of all passes, and of those that were not held back.
-        plain: of all passes, without terms.
+        whole: what all passes tell.
+        trial: what those tell that were not held back.
         kept: passes held back.
-        unknowns: of both fits.
     """
-    doubt = _doubt(unknowns.jacobian(trial.values, kept), trial)
-    expected = np.sqrt(doubt**2 + kept.doubt**2 + trial.scatter[kept.motor] ** 2)
-    off = np.abs(kept.torque - unknowns.predict(trial.values, kept)) / expected
+    doubt = _doubt(trial.unknowns.jacobian(trial.fit.values, kept), trial.fit)
+    expected = np.sqrt(doubt**2 + kept.doubt**2 + trial.fit.scatter[kept.motor] ** 2)
+    off = np.abs(kept.torque - trial.unknowns.predict(trial.fit.values, kept)) / expected
     surprise = float(np.sqrt(np.mean(np.minimum(off, OUTLIER) ** 2))) if len(kept) else 1.0
-    wider, weights = np.full(len(fit.values), max(1.0, surprise)), slice(unknowns.n_weights)
-    wider[weights] = np.maximum(wider[weights], plain.half_width[weights] / fit.half_width[weights])
+    fit, weights = whole.fit, slice(whole.unknowns.n_weights)
+    wider = np.full(len(fit.values), max(1.0, surprise))
+    wider[weights] = np.maximum(wider[weights], whole.plain.half_width[weights] / fit.half_width[weights])
     return replace(fit, covariance=np.outer(wider, wider) * fit.covariance)
 
 

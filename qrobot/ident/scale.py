@@ -46,10 +46,14 @@ def fit_scaled(unknowns: Unknowns, observations: Observations, load_kg: float | 
     return replace(fit, values=fit.values[:n_values], covariance=fit.covariance[:n_values, :n_values])
 
 
-def less_inertia(unknowns: Unknowns, observations: Observations, load_kg: float | None = None) -> Observations:
-    """The observations without the torque of errors of inertia, as a fit of all of them finds it."""
-    found = _fit_with_inertia(unknowns, observations, load_kg).values[len(unknowns.start()) :]
-    return replace(observations, torque=observations.torque - observations.inertia @ found)
+def inertia_errors(unknowns: Unknowns, observations: Observations, load_kg: float | None = None) -> Floats:
+    """Errors of inertia, in likely ones, as a fit of the observations finds them. Shape (i,)."""
+    return _fit_with_inertia(unknowns, observations, load_kg).values[len(unknowns.start()) :]
+
+
+def less_inertia(observations: Observations, errors: Floats) -> Observations:
+    """The observations without the torque of errors of inertia (i,)."""
+    return replace(observations, torque=observations.torque - observations.inertia @ errors)
 
 
 def _fit_with_inertia(unknowns: Unknowns, observations: Observations, load_kg: float | None) -> Fit:

@@ -7,8 +7,9 @@ from dataclasses import replace
 import numpy as np
 
 from qrobot.config import load_robot
-from qrobot.ident.model import Identified, identify
+from qrobot.ident.model import HELD_BACK, Identified, identify
 from qrobot.ident.observe import Observations
+from qrobot.ident.swings import swings_of
 from tests.support.observations import drawn, generated, puma_base
 
 PUMA = load_robot("puma560")
@@ -34,3 +35,10 @@ def test_gravity_holds_where_inertia_is_wrong_in_all_passes_and_its_likely_error
     assert off(identified(right), beta).max() < 2.0
     assert off(told, beta).max() < 2.0
     assert np.abs(blind.beta - beta).max() > 10.0 * np.abs(told.beta - beta).max()
+
+
+def test_errors_of_inertia_are_not_told_by_the_passes_that_are_predicted() -> None:
+    right, error = generated(*drawn(0), 1e-3, seed=0), 0.05  # N m, which only passes held back feel
+    held = swings_of(PUMA, right) % HELD_BACK == HELD_BACK - 1
+    wrong = replace(right, torque=right.torque + error * held, inertia=error * held[:, None])
+    np.testing.assert_allclose(identified(wrong).held_back_rms, error, rtol=0.05)
