@@ -131,6 +131,7 @@ def test_a_motion_that_is_dropped_before_it_begins_can_be_waited_for(drop, event
         ("assigntr(t, 0)", "assigntr: a transform is needed"),
         ("printr(0, stdout)", "printr: a transform is needed"),
         ("makedb(0)", "makedb: the name of a file is needed"),
+        ("static char name[300]; memset(name, 'n', 299); makedb(name)", "makedb: the name of the file is too long"),
         ("enctoang(0, 0)", "enctoang: an array for the result is needed"),
         ("move(0)", "this is no position"),
         ("update(t, 0)", "this is no position"),

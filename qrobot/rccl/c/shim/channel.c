@@ -4,6 +4,7 @@
 #include <poll.h>
 #include <pthread.h>
 #include <sched.h>
+#include <signal.h>
 #include <string.h>
 #include <sys/socket.h>
 #include <time.h>
@@ -32,6 +33,7 @@ enum heard { NOTHING = -1, END = 0, HEARD = 1 };
 
 static int foreground = -1;
 static pthread_mutex_t calling = PTHREAD_MUTEX_INITIALIZER; /* a program may have threads of its own */
+static __thread volatile sig_atomic_t in_call; /* of the foreground, or of a thread of the program's own */
 static __thread int served = -1; /* in functions that the engine calls: its channel */
 static int by_message;           /* the call under way is to be answered by a message */
 static int64_t newest;           /* number of the newest call that was obeyed, or is being */
@@ -168,17 +170,27 @@ int shim_serving(void)
     return served >= 0;
 }
 
+int shim_calling(void)
+{
+    return in_call;
+}
+
 struct message *shim_ask(struct message *m)
 {
+    if (in_call)
+        shim_die("a handler that interrupts a call must not call, nor jump out of it: let it set nextmove or terminate");
     shim_start();
     if (served >= 0) {
         by_message = 1;
         __atomic_store_n(&shim_cell.asking, newest, __ATOMIC_RELEASE);
         converse(served, m);
     } else {
+        in_call = 1;
         pthread_mutex_lock(&calling);
         converse(foreground, m);
         pthread_mutex_unlock(&calling);
+        in_call = 0;
+        shim_stay(); /* then it is no answer */
     }
     return m;
 }

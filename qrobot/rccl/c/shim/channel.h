@@ -143,6 +143,7 @@ void shim_globals(int64_t *refs);
 struct message shim_message(enum op op, const char *text);
 struct message *shim_ask(struct message *m); /* Ask the engine; the answer, OP_REPLY or OP_ERROR, stands in m. */
 int shim_serving(void); /* True in a function that the engine calls. */
+int shim_calling(void); /* True in a handler of a signal that has interrupted a call, and in what it has jumped to. */
 struct message *shim_call(struct message *m); /* Ask the engine; the answer stands in m. Ends the program on an error. */
 void shim_open(int foreground);
 void shim_serve(int channel); /* Obey the engine until it closes the channel. */
@@ -158,6 +159,7 @@ void shim_load(struct message *m, double kg, const double *centre, const double 
 /* start.c */
 void shim_start(void); /* Reach the engine; does nothing the second time. */
 void shim_die(const char *text) __attribute__((noreturn)); /* Say why, and exit with status 1. */
+void shim_stay(void); /* Does not return when another thread ends the program, which takes this one along. */
 void *shim_need(void *given, const char *call, const char *what); /* What was given; ends the program at NULL. */
 void shim_say(const char *who, const char *text); /* On stderr, unless there is no text. */
 void shim_say_mess(void);

@@ -20,7 +20,9 @@
 
 static pid_t owner = 0; /* a child of the program has no arm */
 static pthread_t background;
-static volatile sig_atomic_t over = 0;
+static volatile sig_atomic_t over = 0;   /* the program ends, in the thread `ender` */
+static volatile sig_atomic_t parted = 0; /* and nothing can be asked any more */
+static volatile pthread_t ender;
 static volatile sig_atomic_t interrupts = 0;
 
 static void say_now(const char *text)
@@ -40,23 +42,43 @@ void shim_say_mess(void)
     say_now("\n");
 }
 
+static void begin_to_end(void)
+{
+    ender = pthread_self();
+    over = 1;
+}
+
 /* Async-signal-safe. */
 static void farewell(void)
 {
-    over = 1;
+    begin_to_end();
+    parted = 1;
     shim_close();
     shim_wait_closed(PATIENCE_MS);
 }
 
+void shim_stay(void)
+{
+    if (!parted || pthread_equal(pthread_self(), ender))
+        return;
+    if (shim_serving()) {
+        shim_close();
+        pthread_exit(NULL); /* leave() joins it */
+    }
+    for (;;)
+        pause();
+}
+
 void shim_die(const char *text)
 {
+    shim_stay(); /* it fails because the program ends */
     fflush(stdout);
     fprintf(stderr, "%s: %s\n", program_invocation_short_name, text);
     shim_say_mess();
-    if (over)
+    if (over && !pthread_equal(pthread_self(), ender))
         _exit(1);
-    over = 1; /* there is nobody to let go of the arm in an orderly way */
-    exit(1);
+    begin_to_end(); /* there is nobody to let go of the arm in an orderly way */
+    exit(1);        /* in a handler of exit() too: those that are left follow */
 }
 
 void *shim_need(void *given, const char *call, const char *what)
@@ -75,24 +97,25 @@ void shim_say(const char *who, const char *text)
 }
 
 /* At exit: whoever has an arm lets go of it first; with status 0 when the motions that wait are done (Hayward and Paul's
- * programs end with a `move`). After an error a function may hang, so nobody waits for its thread. */
+ * programs end with a `move`). After an error a function may hang, so nobody waits for its thread. In a function that is
+ * called at a sample, and in a handler that has interrupted a call, nothing can be asked: the arm comes to rest. */
 static void leave(int status, void *unused)
 {
     struct message m = shim_message(OP_RELEASE, "");
-    int orderly = !over && !pthread_equal(pthread_self(), background);
+    int orderly = !over && !shim_serving() && !shim_calling();
     char who[32];
     (void) unused;
     if (owner != getpid())
         return;
     if (orderly) {
-        over = 1;
+        begin_to_end();
         m.n = status == 0;
         shim_call(&m);
         fflush(stdout);
         snprintf(who, sizeof who, "ended with status %d", status);
         shim_say(who, m.text);
-        shim_say_mess();
     }
+    shim_say_mess();
     farewell();
     if (orderly)
         pthread_join(background, NULL);
@@ -232,6 +255,8 @@ int shim_has_engine(void)
 void shim_start(void)
 {
     int channels[2];
+    if (owner && owner != getpid())
+        shim_die("a child of the program has no arm: whoever made the first call makes the others");
     if (owner)
         return;
     if (rci_is_virtual && rci_is_virtual())

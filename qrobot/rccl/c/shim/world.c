@@ -243,6 +243,8 @@ static int of_transform(enum op op, TRSF_PTR t)
 API int makedb(char *file)
 {
     struct message m = shim_message(OP_MAKEDB, shim_need(file, "makedb", "the name of a file"));
+    if (strlen(file) >= SHIM_TEXT)
+        shim_die("makedb: the name of the file is too long");
     shim_call(&m);
     return YES;
 }
