@@ -113,6 +113,8 @@ def evaluate(expression: tree.Expression, around: Surroundings) -> ValValue:  # 
             return value
         case tree.VariableName():
             return _variable(expression, around)
+        case tree.GroupedVariable(variable=variable):
+            return _variable(variable, around)
         case tree.UnaryOperation(operator=operator, operand=operand):
             return _UNARY[operator](number_of(operand, around))
         case tree.BinaryOperation(operator=":", left=left, right=right):

@@ -71,11 +71,11 @@ indices: "[" expression ("," expression)* "]"
 ?signed: compound | SIGN signed                                      -> unary
 ?compound: atom | compound COLON atom                                -> binary
 ?atom: NUMBER                                                        -> number
-    | NAME indices?                                                  -> variable
+    | NAME indices?                                                  -> value
     | PRECISION indices?                                             -> variable
     | (NAME | PRECISION) "(" arguments ")"                           -> function
     | NAME "(" expression BY arguments ")"                           -> change
-    | "(" expression ")"
+    | "(" expression ")"                                             -> grouped
 
 PLAIN.3: {_words(*INSTRUCTIONS)}
 MANNER.3: {_words(*MANNERS)}

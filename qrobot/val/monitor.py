@@ -149,6 +149,7 @@ class ValMonitor:
 
     def _execute(self, rest: str, single: bool = False) -> str:
         name, *numbers = [part.strip() for part in rest.split(",")]
+        numbers = [number or "1" for number in numbers]  # an argument that is left out keeps its comma
         if not name or not all(_COUNT.fullmatch(number) for number in numbers) or len(numbers) > 2:
             raise ProgramError(f"expected {'XSTEP' if single else 'EXECUTE'} program, cycles, step", column=1)
         cycles, step = (*map(int, numbers), *[1, 1][len(numbers) :])

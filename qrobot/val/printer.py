@@ -112,6 +112,8 @@ def _expression(expression: tree.Expression) -> tuple[str, int]:  # noqa: PLR091
             return f'"{value}"', _ATOM
         case tree.VariableName(name=name, indices=indices):
             return name + (f"[{_arguments(indices)}]" if indices else ""), _ATOM
+        case tree.GroupedVariable(variable=variable):
+            return f"({print_expression(variable)})", _ATOM
         case tree.FunctionCall(name=name, arguments=arguments):
             return f"{name}({_arguments(arguments)})", _ATOM
         case tree.LocationChange(name=name, location=location, by=by):

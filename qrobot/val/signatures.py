@@ -69,6 +69,8 @@ def kind_of(expression: tree.Expression) -> str:
             return "location"
         case tree.VariableName():
             return "either"
+        case tree.GroupedVariable(variable=variable):
+            return kind_of(variable)
         case tree.LocationChange() | tree.BinaryOperation(operator=":"):
             return "location"
         case tree.FunctionCall(name=name) if name in LOCATION_FUNCTIONS:

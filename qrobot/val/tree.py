@@ -45,6 +45,14 @@ class VariableName:
 
 
 @dataclass(frozen=True)
+class GroupedVariable:
+    """`(x)`: the value of a variable, which a program that is called cannot change."""
+
+    variable: VariableName
+    column: int = field(default=0, compare=False, repr=False)
+
+
+@dataclass(frozen=True)
 class FunctionCall:
     """`SIN(x)`, `TRANS(,,10)`; None stands for an argument that was left out."""
 
@@ -86,7 +94,14 @@ class BinaryOperation:
 
 
 Expression: TypeAlias = (
-    NumberLiteral | VariableName | FunctionCall | LocationChange | UnaryOperation | BinaryOperation | TextLiteral
+    NumberLiteral
+    | VariableName
+    | GroupedVariable
+    | FunctionCall
+    | LocationChange
+    | UnaryOperation
+    | BinaryOperation
+    | TextLiteral
 )
 
 

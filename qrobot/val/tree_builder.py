@@ -9,7 +9,7 @@ from lark import Token, Transformer
 
 from qrobot.errors import ProgramError
 from qrobot.val import tree
-from qrobot.val.vocabulary import LOCATION_CHANGES
+from qrobot.val.vocabulary import LOCATION_CHANGES, PLAIN_FUNCTIONS, taken
 
 RuleParts: TypeAlias = list[Any]
 
@@ -62,6 +62,19 @@ class TreeBuilder(Transformer[Token, Any]):
         if isinstance(parts[0], tree.VariableName):
             return parts[0]
         return tree.VariableName(str(parts[0]).lower(), parts[1] if len(parts) > 1 else (), _column(parts[0]))
+
+    def value(self, parts: RuleParts) -> tree.VariableName | tree.FunctionCall:
+        """Make the tree of the rule `value`."""
+        name = self.variable(parts)
+        plain = not name.indices and name.name in PLAIN_FUNCTIONS
+        return tree.FunctionCall(name.name.upper(), (), name.column) if plain else name
+
+    def grouped(self, parts: RuleParts) -> tree.Expression:
+        """Make the tree of the rule `grouped`; the tree itself tells what else than a variable binds closest."""
+        inner: tree.Expression = parts[0]
+        if isinstance(inner, tree.VariableName) and not taken(inner.name):
+            return tree.GroupedVariable(inner, inner.column)
+        return inner
 
     def argument(self, parts: RuleParts) -> tree.Expression | None:
         """Make the tree of the rule `argument`."""

@@ -97,7 +97,7 @@ FORMS: Final[dict[str, str]] = {
 
 def taken(name: str) -> str:
     """Reason for which `name` is no variable; "" when it may be one."""
-    if name in LOCATION_VALUES or name in NUMBER_VALUES:
+    if name in LOCATION_VALUES or name in NUMBER_VALUES or name in PLAIN_FUNCTIONS:
         return f"{name.upper()} is a word of VAL and cannot be given a value: choose another name"
     return ""
 
@@ -142,6 +142,8 @@ NUMBER_FUNCTIONS: Final[dict[str, tuple[str, ...]]] = {
     "RANDOM": (),
 }
 """SIG takes any number of numbers."""
+PLAIN_FUNCTIONS: Final = frozenset({"random"})
+"""Functions that stand without parentheses, as V+ writes them."""
 
 LOCATION_FUNCTIONS: Final[dict[str, tuple[str, ...]]] = {
     "TRANS": ("number?", "number?", "number?", "number?", "number?", "number?"),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 
 from qrobot.val.interpreter import Interpreter, RunState
+from qrobot.val.source import print_source, read_source
 from qrobot.val.vocabulary import LOCATION_VALUES, NUMBER_VALUES
 from tests.support.val_runs import interpreter, main_program
 
@@ -39,6 +40,31 @@ def test_a_word_that_is_a_place_is_handed_as_it_is_at_the_call(word: str) -> Non
     with interpreter(main_program(*lines, "x = DISTANCE(x, was)", rest=take + PLACES)) as (run, _):
         assert run.execute("main") is RunState.COMPLETED, run.message
         assert _number(run, "x") == pytest.approx(0.0, abs=1e-9)
+
+
+@pytest.mark.parametrize(("given", "x"), [("x", 6.0), ("(x)", 3.0), ("((x))", 3.0), ("x+0", 3.0)])
+def test_a_variable_in_parentheses_is_handed_by_its_value(given: str, x: float) -> None:
+    """Also when the program has been stored and loaded."""
+    source, errors = read_source(main_program("x = 3", f"CALL twice({given})", rest=TWICE))
+    assert errors == []
+    with interpreter(print_source(source)) as (run, _):
+        assert run.execute("main") is RunState.COMPLETED, run.message
+        assert _number(run, "x") == x
+
+
+def test_a_place_in_parentheses_is_that_place() -> None:
+    lines = "SET c = (a):NULL", "CALL take((c))", "x = DISTANCE((c), a)"
+    take = ".PROGRAM take(place)\nSET place = b\n.END\n"
+    with interpreter(main_program(*lines, rest=take + PLACES)) as (run, _):
+        assert run.execute("main") is RunState.COMPLETED, run.message
+        assert _number(run, "x") == pytest.approx(0.0, abs=1e-9)
+
+
+def test_random_needs_no_parentheses() -> None:
+    with interpreter(main_program("x = RANDOM", "y = random()")) as (run, _):
+        assert run.execute("main") is RunState.COMPLETED, run.message
+        assert 0.0 <= _number(run, "x") < 1.0
+        assert _number(run, "y") != _number(run, "x")
 
 
 def test_values_of_a_call_end_with_it() -> None:

@@ -43,6 +43,9 @@ def test_the_examples_have_no_mistakes(file) -> None:
         ("MOVE #PPOINT(0, 0, 0, 0, 170, 0)", 6, "does not reach"),
         ("HERE base", 1, "BASE is a word of VAL and cannot be given a value: choose another name"),
         ("pi = 3", 1, "PI is a word of VAL"),
+        ("random = 3", 1, "RANDOM is a word of VAL"),
+        ("HERE (near)", 7, "expected the name of a location"),
+        ("x = 1+(near)", 8, "expected a number, not a location"),
         ("DECOMPOSE tool[] = near", 1, "TOOL is a word of VAL"),
         ("CALL nobody", 6, "there is no program nobody"),
         ("CALL main(3)", 6, "has 0 parameters, not 1"),
@@ -145,6 +148,7 @@ def test_a_signal_without_a_line_is_told_once_where_the_lines_are_known(line: st
         ("DAC 1 = -1E9", "analogue output 1: -1e+09 V is not within 0 to 5 V"),
         ("DAC 1 = 5", ""),
         ("DAC 1 = RANDOM()", ""),
+        ("DAC 1 = random", ""),
     ],
 )
 def test_volts_that_an_analogue_output_does_not_show_are_told(line: str, said: str) -> None:

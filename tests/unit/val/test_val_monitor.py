@@ -118,6 +118,15 @@ def test_a_program_is_stepped_from_its_beginning() -> None:
 
 
 @pytest.mark.parametrize(
+    ("line", "listed"),
+    [("EXECUTE main,,2", "x 2"), ("EXECUTE main,2,", "x 4\ny 1"), ("EXECUTE main,", "x 2\ny 1")],
+)
+def test_cycles_and_step_that_are_left_out_are_one(line: str, listed: str) -> None:
+    answers = session(main_program("y = 1", "x = x+2"), "DO x = 0", line, "LISTR")
+    assert answers[1:] == ["completed", listed]
+
+
+@pytest.mark.parametrize(
     "line",
     [
         *(

@@ -12,7 +12,7 @@ from qrobot.val.parser import parse_line
 from qrobot.val.printer import print_line
 from qrobot.val.source import print_source, read_source
 from qrobot.val.structure import jumps_of
-from qrobot.val.vocabulary import INSTRUCTIONS, MANNERS, RESERVED, UNSUPPORTED, form_of
+from qrobot.val.vocabulary import INSTRUCTIONS, MANNERS, RESERVED, UNSUPPORTED, form_of, taken
 from tests.support.val_lines import LINES, spoil_lines
 
 
@@ -71,7 +71,7 @@ def test_an_error_names_line_column_and_what_was_expected(text: str, column: int
 
 NUMBERS = st.floats(0, 1e9, allow_nan=False).map(tree.NumberLiteral)
 NAMES = st.from_regex(r"[a-z][a-z0-9_.]{0,5}", fullmatch=True).filter(
-    lambda name: name.upper() not in RESERVED | {"BY"}
+    lambda name: name.upper() not in RESERVED | {"BY", "RANDOM"}
 )
 
 
@@ -85,7 +85,8 @@ def grown(values: st.SearchStrategy[tree.Expression]) -> st.SearchStrategy[tree.
     )
 
 
-VALUES = st.recursive(NUMBERS | st.builds(tree.VariableName, NAMES), grown, max_leaves=12)
+GROUPED = st.builds(tree.GroupedVariable, st.builds(tree.VariableName, NAMES.filter(lambda name: not taken(name))))
+VALUES = st.recursive(NUMBERS | st.builds(tree.VariableName, NAMES) | GROUPED, grown, max_leaves=12)
 PLACES = st.recursive(
     st.builds(tree.VariableName, NAMES | NAMES.map(lambda name: f"#{name}")),
     lambda inner: st.one_of(
