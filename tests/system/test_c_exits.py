@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import subprocess
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -13,6 +14,8 @@ from qrobot.rci import VirtualLink
 from qrobot.wire import Mode
 from tests.support.c_programs import compiled_text, needs_compiler
 from tests.support.fake_robot import FakeRobot
+from tests.support.patience import PATIENCE_S
+from tests.support.processes import FIRST_START_S
 from tests.support.puma import PARK
 
 pytestmark = [needs_compiler, pytest.mark.usefixtures("own_cache")]
@@ -124,3 +127,57 @@ def test_a_child_of_the_program_has_no_arm(run: Run, robot, capfd) -> None:
     """
     assert run(text) == 1
     assert "program: a child of the program has no arm" in capfd.readouterr().err
+
+
+def test_handlers_of_exit_that_a_program_has_registered_first_still_have_the_arm(run: Run, robot, capfd) -> None:
+    text = """
+    #include <stdlib.h>
+    tidy() { OPEN; move(park); waitfor(completed) release("bye"); }
+    main() { atexit(tidy); move(jposition("P", 10., -90., 180., 0., 0., 0.)); waitfor(completed) return 0; }
+    """
+    assert run(text) == 0
+    told = capfd.readouterr()
+    assert (told.out, told.err) == ("bye\n", "")
+    assert robot.mode is Mode.HOLDING
+    assert robot.q == pytest.approx(PARK)
+
+
+TASK = """
+#include "rci.h"
+#include <stdlib.h>
+#include <sys/wait.h>
+#include <unistd.h>
+static RCI_TASK *td;
+static void rest(RCI_TASK *td) { (void) td; }
+static int over(void) { return rci_runs(td) > 2; }
+static void tell(void) { if (rci_runs(td) > 2) printf("ran\\n"); }
+int main(void)
+{
+    int status;
+    atexit(tell);
+    if ((td = rci_create("watch", "")) == 0 || rci_control(td, rest, 0, 0) || rci_onclock(td, 1, 0))
+        return 6;
+    if (rci_start(td->bit) || rci_wait(over))
+        return 7;
+    fflush(stdout);
+    if (fork() == 0) { fclose(stdout); exit(3); }
+    wait(&status);
+    return WEXITSTATUS(status) == 3 ? 0 : 8;
+}
+"""
+
+
+def test_tasks_outlast_the_handlers_of_exit_and_no_child_waits_for_their_threads(tmp_path: Path) -> None:
+    program = compiled_text(TASK, tmp_path)
+    done = subprocess.run([program], check=False, capture_output=True, text=True, timeout=PATIENCE_S)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "ran\n", "")
+
+
+def test_a_program_that_waits_for_all_its_children_does_not_wait_for_its_engine(tmp_path: Path) -> None:
+    text = """
+    #include <sys/wait.h>
+    #include <unistd.h>
+    main() { newtrans("A", varb); if (!fork()) _exit(0); while (wait((int *) 0) != -1); return 0; }
+    """
+    program = compiled_text(text, tmp_path)
+    assert subprocess.run([program], check=False, timeout=FIRST_START_S).returncode == 0

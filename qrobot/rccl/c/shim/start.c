@@ -9,6 +9,7 @@
 #include <sys/resource.h>
 #include <sys/socket.h>
 #include <sys/uio.h>
+#include <sys/wait.h>
 #include <unistd.h>
 
 #include "shim.h"
@@ -20,6 +21,7 @@
 
 static pid_t owner = 0; /* a child of the program has no arm */
 static pthread_t background;
+static volatile sig_atomic_t reached = 0; /* the engine */
 static volatile sig_atomic_t over = 0;   /* the program ends, in the thread `ender` */
 static volatile sig_atomic_t parted = 0; /* and nothing can be asked any more */
 static volatile pthread_t ender;
@@ -105,7 +107,7 @@ static void leave(int status, void *unused)
     int orderly = !over && !shim_serving() && !shim_calling();
     char who[32];
     (void) unused;
-    if (owner != getpid())
+    if (!reached || owner != getpid())
         return;
     if (orderly) {
         begin_to_end();
@@ -119,6 +121,12 @@ static void leave(int status, void *unused)
     farewell();
     if (orderly)
         pthread_join(background, NULL);
+}
+
+/* Before main, so that the program's own handlers of exit() run while the arm is still its own. */
+__attribute__((constructor)) static void leave_at_exit(void)
+{
+    on_exit(leave, NULL);
 }
 
 /* SIGINT, SIGHUP, SIGTERM: the engine brings the arm to rest while we wait; a second signal ends at once. */
@@ -192,17 +200,23 @@ static void become_engine(const int *theirs)
     _exit(127);
 }
 
+/* The engine is no child of the program, which may wait for all of its children. */
 static void start_engine(int *ours)
 {
     int first[2], second[2];
     if (socketpair(AF_UNIX, SOCK_SEQPACKET | SOCK_CLOEXEC, 0, first)
         || socketpair(AF_UNIX, SOCK_SEQPACKET | SOCK_CLOEXEC, 0, second))
         shim_die("no channel to the motion engine");
-    pid_t engine = fork();
-    if (engine < 0)
+    pid_t between = fork();
+    if (between < 0)
         shim_die("cannot start the motion engine");
-    if (engine == 0)
-        become_engine((int[2]) {first[1], second[1]});
+    if (between == 0) {
+        if (fork() == 0)
+            become_engine((int[2]) {first[1], second[1]});
+        _exit(0);
+    }
+    while (waitpid(between, NULL, 0) < 0 && errno == EINTR)
+        ;
     close(first[1]);
     close(second[1]);
     ours[0] = first[0];
@@ -267,7 +281,7 @@ void shim_start(void)
     find_engine(channels);
     greet(channels[0], file);
     shim_open(channels[0]);
+    reached = 1;
     start_serving(channels[1]);
     catch_signals();
-    on_exit(leave, NULL);
 }

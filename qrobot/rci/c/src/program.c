@@ -7,6 +7,7 @@
 struct program rci_program;
 __thread RCI_TASK *rci_current; /* whose function runs in this thread; 0 in the planning program */
 static pthread_once_t once = PTHREAD_ONCE_INIT;
+static pid_t owner;
 static __thread char last_error[TEXT_BYTES];
 
 /* Say on stderr what went wrong, and keep it for rci_error. Returns -1. */
@@ -36,10 +37,17 @@ void rci_unlock(void)
     pthread_mutex_unlock(&rci_program.lock);
 }
 
+/* A child of the program has none of its threads. */
 static void close_at_exit(void)
 {
-    if (rci_program.begun && pthread_equal(pthread_self(), rci_program.parent_thread) && rci_current == NULL)
+    if (rci_program.begun && owner == getpid() && pthread_equal(pthread_self(), rci_program.parent_thread) && rci_current == NULL)
         rci_close();
+}
+
+/* Before main, so that the program's own handlers of exit() still have its tasks. */
+__attribute__((constructor)) static void register_close(void)
+{
+    atexit(close_at_exit);
 }
 
 /* What is done once in a process. */
@@ -51,7 +59,6 @@ static void prepare(void)
     pthread_mutexattr_setprotocol(&attributes, PTHREAD_PRIO_INHERIT);
     pthread_mutex_init(&rci_program.lock, &attributes);
     pthread_mutexattr_destroy(&attributes);
-    atexit(close_at_exit);
 }
 
 /* The first call begins a program: its clock and its parent task. */
@@ -64,6 +71,7 @@ void rci_begin(void)
     if (p->begun)
         return;
     p->begun = 1;
+    owner = getpid();
     p->virtual_time = kind != NULL && strcmp(kind, "virtual") == 0;
     p->rate_hz = FALLBACK_HZ;
     p->tick = -1;
