@@ -159,8 +159,8 @@ static int make_others(char **argument)
 /* Arguments: role, robot, program, period in us, reason of the BYE, whether in step. */
 static int greet(char **argument)
 {
-    struct qrobot_hello hello = {atoi(argument[0]), argument[1], argument[2], (uint32_t)atoi(argument[3]), 0,
-                                 atoi(argument[5])};
+    const char *robot = *argument[1] ? argument[1] : NULL, *program = *argument[2] ? argument[2] : NULL;
+    struct qrobot_hello hello = {atoi(argument[0]), robot, program, (uint32_t)atoi(argument[3]), 0, atoi(argument[5])};
     unsigned char out[QROBOT_MAX_PACKET];
     struct qrobot_link link;
     int size;

@@ -39,6 +39,29 @@ from tests.system.test_rci_programs import TABLE
 
 SUPPORT = Path(__file__).parents[1] / "support"
 STRICT = ("-std=c99", "-D_GNU_SOURCE", "-Wall", "-Wextra", "-Werror", "-g", "-O1")
+BLOCKED = """
+#include "rci.h"
+#include <stdio.h>
+#include <unistd.h>
+static int ends[2], begun;
+static void wait_for_a_letter(RCI_TASK *td)
+{
+    char letter;
+    __atomic_store_n(&begun, 1, __ATOMIC_RELEASE);
+    td->user = read(ends[0], &letter, 1) == 1 ? td : 0;
+}
+static int blocks(void) { return __atomic_load_n(&begun, __ATOMIC_ACQUIRE); }
+int main(void)
+{
+    RCI_TASK *td = rci_create("sensor", "aux");
+    if (td == 0 || pipe(ends) || rci_control(td, wait_for_a_letter, 0, 0) || rci_onclock(td, 1, 0))
+        return 1;
+    if (rci_timeout(td, 0.2) || rci_start(td->bit) || rci_wait(blocks))
+        return 2;
+    printf("rci_close: %d\\n", rci_close());
+    return 0;
+}
+"""
 BOTH = """
 #include "rccl.h"
 #include "rci.h"
@@ -466,6 +489,16 @@ def test_tasks_of_several_processors_in_real_time_leave_nothing_to_find(make: Ma
             "task rogue: one of its functions takes longer than 0.05 s and was given up",
             "task device: its device was closed",
         ]
+
+
+@pytest.mark.realtime
+def test_a_program_in_c_ends_while_a_function_of_a_task_does_not_come_back(make: Make, tmp_path: Path) -> None:
+    source = tmp_path / "blocked.c"
+    source.write_text(BLOCKED)
+    done = subprocess.run(
+        [make(source, flags=STRICT[1:])], capture_output=True, text=True, timeout=PATIENCE_S, check=True
+    )
+    assert done.stdout == "rci_close: -1\n"
 
 
 @pytest.mark.realtime

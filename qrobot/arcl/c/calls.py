@@ -11,6 +11,7 @@ import numpy as np
 from qrobot import arcl
 from qrobot.arcl.c.objects import ObjectTable
 from qrobot.arcl.c.values import WordList
+from qrobot.arcl.motion import Motion
 from qrobot.arcl.positions import Pos
 from qrobot.arcl.robot import ArclRobot
 from qrobot.arcl.trans import Trans
@@ -207,6 +208,8 @@ def _sym_lookup(objects: ObjectTable, place: int, given: CallValues) -> CallMess
 def _free(objects: ObjectTable, place: int, _: CallValues) -> None:
     if isinstance(objects.at(place), ArclRobot):
         raise MotionError("arcl_free: a robot is let go by arcl_close")
+    if isinstance(objects.at(place), Motion):
+        raise MotionError("arcl_free: the memory of a motion stays ARCL's, which uses it again 256 motions later")
     objects.free(place)
 
 

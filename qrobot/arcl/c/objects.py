@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from threading import Lock
 from typing import Any, Final
 
 from qrobot.arcl.motion import Motion
@@ -41,6 +42,7 @@ class ObjectTable:
         self._objects: dict[int, Any] = {}
         self._places: dict[int, int] = {}  # by identity
         self._motions: dict[int, Motion] = {}
+        self._showing = Lock()  # the motions are shown by the calls of the program, and at samples
 
     def put(self, place: int, thing: Any) -> None:
         """Something is at a place from now on."""
@@ -58,7 +60,8 @@ class ObjectTable:
     def put_motion(self, place: int, motion: Motion) -> None:
         """A motion at a place, whose fields are shown from now on."""
         self.put(place, motion)
-        self._motions[place] = motion
+        with self._showing:
+            self._motions[place] = motion
 
     def get(self, call: str, place: int) -> Any:
         """The object at a place. Raises MotionError: there is none."""
@@ -82,13 +85,16 @@ class ObjectTable:
 
     def show_motions(self) -> None:
         """Write into the program's motions what has become of them."""
-        for place, motion in list(self._motions.items()):
-            self._memory.doubles(place + _T0, 1)[0] = motion.t0
-            self._memory.ints(place + _CODE)[0] = motion.code or 0
-            if motion.code is not None:
-                del self._motions[place]
+        with self._showing:
+            for place, motion in list(self._motions.items()):
+                code = motion.code  # once: it may get one meanwhile
+                self._memory.doubles(place + _T0, 1)[0] = motion.t0
+                self._memory.ints(place + _CODE)[0] = code or 0
+                if code is not None:
+                    del self._motions[place]
 
     def _forget(self, place: int) -> None:
         if place in self._objects:
             del self._places[id(self._objects.pop(place))]
-            self._motions.pop(place, None)
+            with self._showing:
+                self._motions.pop(place, None)

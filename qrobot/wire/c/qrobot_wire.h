@@ -264,8 +264,8 @@ enum qrobot_phase { QROBOT_GREETING, QROBOT_ANSWERING, QROBOT_COMMANDING, QROBOT
 
 struct qrobot_hello {
     int role;             /* QROBOT_ROLE_COMMANDER: one at a time; QROBOT_ROLE_OBSERVER */
-    const char *robot;    /* its name; an observer may leave it empty */
-    const char *program;  /* this client, for people */
+    const char *robot;    /* its name; an observer may leave it empty, or NULL */
+    const char *program;  /* this client, for people; empty or NULL without a name */
     uint32_t period_us;   /* wanted sample period, 0 takes the server's */
     int timeout_ms;       /* for an answer of the bridge, 0 takes QROBOT_ANSWER_MS */
     int in_step;          /* 1: states of the same seq of several arms are of one instant, see QROBOT_FLAG_IN_STEP */
@@ -482,20 +482,22 @@ static inline void qrobot_begin(struct qrobot_link *link)
 static inline int qrobot_put_hello(struct qrobot_link *link, const struct qrobot_hello *hello, int64_t t_ns,
                                    unsigned char out[QROBOT_MAX_PACKET])
 {
+    const char *robot = hello->robot != NULL ? hello->robot : "";
+    const char *program = hello->program != NULL ? hello->program : "";
     size_t token = strlen(link->token);
 
     if (link->phase != QROBOT_GREETING)
         return qrw_fail(link, QROBOT_INVALID, "HELLO is the first packet of a connection and comes once");
     if (hello->role != QROBOT_ROLE_COMMANDER && hello->role != QROBOT_ROLE_OBSERVER)
         return qrw_fail(link, QROBOT_INVALID, "unknown role %d", hello->role);
-    if (strlen(hello->robot) > QROBOT_NAME_BYTES || strlen(hello->program) > QROBOT_NAME_BYTES)
+    if (strlen(robot) > QROBOT_NAME_BYTES || strlen(program) > QROBOT_NAME_BYTES)
         return qrw_fail(link, QROBOT_INVALID, "names have at most %d bytes", QROBOT_NAME_BYTES);
     memset(out, 0, QROBOT_HELLO_BYTES + QROBOT_TOKEN_BYTES);
     qrw_put(out + QROBOT_AT_HELLO_ROLE, 1, (uint64_t)hello->role);
     qrw_put(out + QROBOT_AT_HELLO_FLAGS, 1, hello->in_step ? QROBOT_HELLO_FLAG_IN_STEP : 0);
     qrw_put(out + QROBOT_AT_HELLO_PERIOD_US, 4, hello->period_us);
-    memcpy(out + QROBOT_AT_HELLO_ROBOT, hello->robot, strlen(hello->robot));
-    memcpy(out + QROBOT_AT_HELLO_PROGRAM, hello->program, strlen(hello->program));
+    memcpy(out + QROBOT_AT_HELLO_ROBOT, robot, strlen(robot));
+    memcpy(out + QROBOT_AT_HELLO_PROGRAM, program, strlen(program));
     qrw_put(out + QROBOT_AT_HELLO_AUTH_LENGTH, 2, token);
     memcpy(out + QROBOT_AT_HELLO_AUTH, link->token, token);
     link->phase = QROBOT_ANSWERING;

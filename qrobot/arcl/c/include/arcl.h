@@ -208,7 +208,7 @@ Force *new_force(double fx, double fy, double fz, double mx, double my, double m
 Force *force_from(const Trans *t, const Force *force);
 Jacob *new_jacob(ROBOT *rp, const Pos *joints); /* of at most 10 joints, at a position of joint_pos or robot_pos */
 
-void arcl_free(void *object); /* any of them; motions under way go on */
+void arcl_free(void *object); /* any but robots and motions; motions under way go on */
 
 void arcl_close(ROBOT *rp);
 void arcl_skip(ROBOT *rp);

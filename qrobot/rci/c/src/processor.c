@@ -342,7 +342,8 @@ void rci_give_up(struct seat *seat)
     take_seat(seat->processor);
 }
 
-static void end_processor(struct processor *processor)
+/* Until its thread has ended. The watch is awake meanwhile: a function that does not come back is given up. */
+static void end_thread(struct processor *processor)
 {
     const struct timespec moment = {0, 1000000};
     struct seat *seat;
@@ -356,6 +357,12 @@ static void end_processor(struct processor *processor)
         rci_lock();
     }
     rci_unlock();
+}
+
+static void forget_processor(struct processor *processor)
+{
+    struct seat *seat = processor->seat;
+
     if (seat != NULL && !rci_program.virtual_time)
         pthread_join(seat->thread, NULL);
     free(seat);
@@ -384,15 +391,18 @@ static int count_lost(void)
     return lost;
 }
 
-/* End the threads of all processors. Returns how many never came back. */
+/* End the threads of all processors, then the watch. Returns how many never came back. */
 int rci_processors_end(void)
 {
     struct processor *each = rci_program.processors, *next;
     int lost;
 
-    for (; each != NULL; each = next) {
+    for (; each != NULL; each = each->next)
+        end_thread(each);
+    rci_watch_end();
+    for (each = rci_program.processors; each != NULL; each = next) {
         next = each->next;
-        end_processor(each);
+        forget_processor(each);
     }
     rci_program.processors = NULL;
     rci_lock();

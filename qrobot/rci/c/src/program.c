@@ -253,11 +253,10 @@ int rci_close(void)
         mask |= rci_program.tasks[i]->bit;
     if (mask != 0 && rci_program.sealed)
         rci_release(mask);
+    lost = rci_processors_end();
     rci_lock();
     failed = untold();
     rci_unlock();
-    rci_watch_end();
-    lost = rci_processors_end();
     if (lost && (kept = malloc(sizeof rci_program.tasks)) != NULL)
         memcpy(kept, rci_program.tasks, sizeof rci_program.tasks);
     forget_all(lost);
