@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import signal
 import subprocess
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -181,3 +183,23 @@ def test_a_program_that_waits_for_all_its_children_does_not_wait_for_its_engine(
     """
     program = compiled_text(text, tmp_path)
     assert subprocess.run([program], check=False, timeout=FIRST_START_S).returncode == 0
+
+
+def test_a_child_that_lives_on_does_not_hide_the_crash_of_its_program(run: Run, robot, tmp_path: Path) -> None:
+    text = f"""
+    #include <unistd.h>
+    int moving;
+    each() {{ }}
+    main() {{
+        int child;
+        FILE *file;
+        {MOVING}
+        if (!(child = fork())) {{ sleep(60); _exit(0); }}
+        fprintf(file = fopen("{tmp_path}/child", "w"), "%d", child);
+        fclose(file);
+        *(volatile int *) 8 = 1;
+    }}
+    """
+    assert run(text) == 139
+    os.kill(int((tmp_path / "child").read_text()), signal.SIGKILL)  # it was there
+    assert rests_on_its_way(robot)

@@ -20,6 +20,7 @@
 #define FAVOURED_NICENESS (-10) /* that of qrobot/realtime/setup.py */
 
 static pid_t owner = 0; /* a child of the program has no arm */
+static int channels[2] = {-1, -1}; /* foreground and background */
 static pthread_t background;
 static volatile sig_atomic_t reached = 0; /* the engine */
 static volatile sig_atomic_t over = 0;   /* the program ends, in the thread `ender` */
@@ -266,9 +267,18 @@ int shim_has_engine(void)
     return owner == getpid();
 }
 
+/* The engine sees the end of the program, though a child of it lives on. */
+static void close_in_child(void)
+{
+    for (int i = 0; i < 2; i++) {
+        if (channels[i] >= 0)
+            close(channels[i]);
+        channels[i] = -1;
+    }
+}
+
 void shim_start(void)
 {
-    int channels[2];
     if (owner && owner != getpid())
         shim_die("a child of the program has no arm: whoever made the first call makes the others");
     if (owner)
@@ -279,6 +289,7 @@ void shim_start(void)
     owner = getpid();
     int file = shim_share();
     find_engine(channels);
+    pthread_atfork(NULL, NULL, close_in_child);
     greet(channels[0], file);
     shim_open(channels[0]);
     reached = 1;
