@@ -109,11 +109,11 @@ class ArmSession:
             numbers[self._signals.index(name)] = value
             self._task.chg.signals = tuple(numbers)
 
-    def _tell_again(self, now: RobotState | None = None, greeted: bool = True) -> None:
+    def _tell_again(self, now: RobotState | None = None, forgotten: bool = True) -> None:
         """Tell bridge or servo that may be others the names of the program's signals; see `ArmSettings.tell_again`."""
         if self._signals:
             self._link.tell(Signals(self._signals))
-        self.settings.tell_again(now, greeted)
+        self.settings.tell_again(now, forgotten)
 
     def finish(self, look: Callable[[], object]) -> None:
         """Wait until all motions are done, calling `look` at each sample. Raises what `Channel.finish` raises."""

@@ -22,7 +22,7 @@ from qrobot.model.dynamics import dynamics_params, dynamics_work, inverse_dynami
 from qrobot.model.payload_judge import PayloadJudge
 from qrobot.motion.force.external_torque import DriveFriction
 from qrobot.motion.path.setpoint_history import DEPTH, motion_of
-from qrobot.rci.client import Beside
+from qrobot.rci.client import Beside, ServoLoss
 from qrobot.units import NS_PER_US
 from qrobot.wire import ClientRole, Command, Hello, JointMode, Mode, Payload, RobotFlag, RobotState, State, Welcome
 from qrobot.wire.packets import UNKNOWN_FORCE
@@ -134,9 +134,9 @@ class OfflineLink:
     def _payloads(self) -> PayloadJudge:
         return PayloadJudge(self._robot)
 
-    def take_servo_loss(self) -> bool:
+    def take_servo_loss(self) -> ServoLoss:
         """See `Link.take_servo_loss`: there is none to be lost."""
-        return False
+        return ServoLoss.NONE
 
     def refusal(self, kind: type[Beside]) -> str:
         """See `Link.refusal`."""

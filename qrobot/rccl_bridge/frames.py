@@ -12,8 +12,8 @@ from qrobot.wire import Command
 class FrameMaker:
     """Remembers what one commander said last.
 
-    After the servo was away the commander has to drop its power request once before anything is forwarded, and its
-    next frame begins a new stream: nothing moves because somebody restarted something.
+    After the servo was away the commander's next frame begins a new stream. To another servo nothing is forwarded
+    before the power request was dropped once: nothing moves because somebody restarted something.
     """
 
     def __init__(self, lease: Lease, period_ns: int) -> None:
@@ -32,8 +32,11 @@ class FrameMaker:
 
     def lose_servo(self) -> None:
         """The servo is away: what comes now goes nowhere."""
-        self._power_locked = True
         self._client_stream = None
+
+    def lock_power(self) -> None:
+        """Another servo has come: a power request that stands was made to the one before."""
+        self._power_locked = True
 
     def make(self, command: Command, seq: int, now_ns: int) -> SetpointFrame | None:
         """The frame of `command`, whose unwrapped sequence number is `seq`; None while the power request is locked."""

@@ -54,6 +54,7 @@ class MailboxPort:
     """
 
     mismatch = ""
+    servo = 1
 
     def __init__(self, words: Words, judge: PayloadJudge | None = None) -> None:
         self._judge = judge
@@ -157,6 +158,11 @@ class ServoPort:
         self._was_here, self._new_until_ns = False, 0
         self.mismatch = ""
         self._power_locked = False  # a servo that has just started is not powered by a request made to the one before
+
+    @property
+    def servo(self) -> int:
+        """Number of the servo that is followed."""
+        return self._generation
 
     def alive(self) -> bool:
         """The servo runs and its state is fresh."""

@@ -195,7 +195,8 @@ class _Client(asyncio.Protocol):
             self._timer = asyncio.get_running_loop().call_later(LOOK_S, self._tick)
             return
         state = self._server.read_state()
-        self._carry_out(self.session.tick(self._server.now_ns(), state, self._server.port.mismatch))
+        port = self._server.port
+        self._carry_out(self.session.tick(self._server.now_ns(), state, port.mismatch, port.servo))
         self._set_timer()
 
     def _set_timer(self) -> None:

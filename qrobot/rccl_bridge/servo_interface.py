@@ -63,6 +63,10 @@ class RobotPort(Protocol):
     def mismatch(self) -> str:
         """Reason for which a servo that runs counts as away, "" for none; as `alive` found last."""
 
+    @property
+    def servo(self) -> int:
+        """Number of the servo, as `alive` found it last: a restarted one has another."""
+
     def alive(self) -> bool:
         """The servo runs, drives this robot, and its state is fresh.
 

@@ -121,6 +121,7 @@ class Session:
         self._heard_ns = now_ns
         self._blocked_since_ns: int | None = None
         self._servo_gone = ""  # what was said of a servo that is away
+        self._servo: int | None = None  # number of the one whose STATEs are told
         self._warnings, self._stops = RateLimit(), RateLimit()
         self._judge_payload, self._judge_collision = judge_payload, judge_collision
         self._judge_analog = judge_analog
@@ -147,8 +148,8 @@ class Session:
             actions += self.refuse(ErrorCode.VERSION if foreign else ErrorCode.MALFORMED, str(error), now_ns)
         return actions
 
-    def tick(self, now_ns: int, robot: RobotState | None, mismatch: str = "") -> list[Action]:
-        """Time has come to `now_ns`; `robot` is the newest sample, None while the servo is away: see `RobotPort`."""
+    def tick(self, now_ns: int, robot: RobotState | None, mismatch: str = "", servo: int = 1) -> list[Action]:
+        """Time has come to `now_ns`; `robot` is the newest sample of `servo`, None without one: see `RobotPort`."""
         if self.ended or now_ns < self.due_ns:
             return []
         if self._period_ns == 0:
@@ -160,10 +161,10 @@ class Session:
             return self._miss_servo(now_ns, mismatch)
         if self._frames is not None and now_ns - self._heard_ns > self._settings.silence_ns:
             return self.refuse(ErrorCode.TIMEOUT, "the commander has fallen silent", now_ns)
-        self._servo_gone = ""
+        met = self._meet(servo, robot.powered, now_ns)
         if self._blocked_since_ns is not None:
-            return self._leave_out(now_ns, self._blocked_since_ns)
-        return self._tell(number, robot)
+            return [*met, *self._leave_out(now_ns, self._blocked_since_ns)]
+        return [*met, *self._tell(number, robot)]
 
     def block(self, now_ns: int) -> None:
         """The client does not read: leave out STATEs from now on."""
@@ -327,6 +328,17 @@ class Session:
             self._frames.lose_servo()
         self._servo_gone = text
         return [SendBytes(self._connection.send(WireError(ErrorCode.SERVO_GONE, text, False, now_ns)))]
+
+    def _meet(self, servo: int, powered: bool, now_ns: int) -> list[Action]:
+        """Tell STATEs of a servo from now on. One that is not known to this connection knows nothing of it either."""
+        known, was_away = self._servo, bool(self._servo_gone)
+        self._servo, self._servo_gone = servo, ""
+        if servo == known or (known is None and not was_away):
+            return []
+        if self._frames is not None and not powered:
+            self._frames.lock_power()
+        text = f"the servo of {self._robot_name} has started anew"
+        return [SendBytes(self._connection.send(WireError(ErrorCode.SERVO_NEW, text, False, now_ns)))]
 
     def _leave_out(self, now_ns: int, since_ns: int) -> list[Action]:
         self.left_out += 1

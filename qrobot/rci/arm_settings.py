@@ -69,12 +69,12 @@ class ArmSettings:
         elif isinstance(packet, Payload):
             self._load.carry(packet)
 
-    def tell_again(self, now: RobotState | None = None, greeted: bool = True) -> None:
-        """Tell a bridge that was `greeted` anew, or another servo, what it has forgotten: how collisions are told.
+    def tell_again(self, now: RobotState | None = None, forgotten: bool = True) -> None:
+        """Tell a bridge or a servo that has `forgotten` it how collisions are told.
 
         And the payload, when a servo that shows itself in `now` carries nothing any more; None for the same servo.
         """
-        if self._collision is not None and (greeted or is_another(self._how(), now)):
+        if self._collision is not None and forgotten:
             self._link().tell(self._collision)
         if now is not None and (load := self._load.lost(self._how(), now)) is not None:
             self._link().tell(load)
@@ -94,17 +94,6 @@ class ArmSettings:
         if passed_ns > ANSWER_NS:
             raise MotionError(f"{self._name} has not answered: it carries {how.payload_mass:g} kg still")
         return False
-
-
-def is_another(before: RobotState | None, now: RobotState | None) -> bool:
-    """Whether a servo that was away seems to have started anew: without power, no event yet or fewer of what it counts.
-
-    One that has power is the same: it remembers what it was told, be it by somebody else.
-    """
-    if before is None or now is None or now.powered:
-        return False
-    counts_anew = now.late_cycles < before.late_cycles or now.missed_frames < before.missed_frames
-    return now.event == 0 or counts_anew
 
 
 class CarriedLoad:

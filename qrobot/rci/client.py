@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
+from enum import IntEnum
 from typing import Final, TypeAlias
 
 from qrobot.errors import LinkBusy, LinkError, LinkLost, LinkTimeout, LocalProtocolError, RemoteProtocolError
@@ -40,6 +41,14 @@ _REFUSED: Final[dict[int, type[Beside]]] = {
 }
 
 
+class ServoLoss(IntEnum):
+    """What was before a STATE."""
+
+    NONE = 0
+    AWAY = 1  # the servo was away for a moment; it remembers what it was told
+    ANOTHER = 2  # this one has started anew since, and was told nothing
+
+
 class Client:
     """One conversation.
 
@@ -47,14 +56,14 @@ class Client:
         peer: the server, for people.
         warning: newest complaint of the server that did not end the conversation, "" when there was none.
         refusals: reasons for which what was told last of a kind, payload, collision or outputs, was refused.
-        servo_lost: the servo was away before the newest STATE; whoever has seen that takes it back.
+        servo_loss: whether the servo was away before the newest STATE; whoever has seen that takes it back.
     """
 
     def __init__(self, hello: Hello, peer: str) -> None:
         self.peer = peer
         self.warning = ""
         self.refusals: dict[type[Beside], str] = {}
-        self.servo_lost = False
+        self.servo_loss = ServoLoss.NONE
         self._told = deque[Beside]()
         self._hello = hello
         self._connection = Connection(Side.CLIENT)
@@ -139,6 +148,9 @@ class Client:
         if (kind := _REFUSED.get(complaint.code)) is not None:
             self.refusals[kind] = complaint.text
         if complaint.code == ErrorCode.SERVO_GONE:
-            self._state, self.servo_lost = None, True  # a STATE of the servo before tells nothing of the next one
+            self._state = None  # a STATE of the servo before tells nothing of the next one
+            self.servo_loss = max(self.servo_loss, ServoLoss.AWAY)
             if self._hello.in_step and self._sampled:
                 raise LinkTimeout(f"{self.peer} says: {complaint.text}")
+        if complaint.code == ErrorCode.SERVO_NEW:
+            self.servo_loss = ServoLoss.ANOTHER

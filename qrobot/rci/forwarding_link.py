@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from qrobot.rci.client import Beside
+from qrobot.rci.client import Beside, ServoLoss
 from qrobot.rci.link import Link
 from qrobot.wire import Command, State, Welcome
 
@@ -30,7 +30,7 @@ class ForwardingLink:
         """See `Link.refusal`."""
         return self._link.refusal(kind)
 
-    def take_servo_loss(self) -> bool:
+    def take_servo_loss(self) -> ServoLoss:
         """See `Link.take_servo_loss`."""
         return self._link.take_servo_loss()
 

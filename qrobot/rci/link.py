@@ -9,7 +9,7 @@ from typing import Final, Protocol, TypeAlias
 
 from qrobot.config import Robot
 from qrobot.errors import LinkError, MotionError
-from qrobot.rci.client import Beside
+from qrobot.rci.client import Beside, ServoLoss
 from qrobot.units import US_PER_MS
 from qrobot.wire import ClientRole, Command, Hello, State, Welcome
 from qrobot.wire.vocabulary import LONGEST_PERIOD_US, SHORTEST_PERIOD_US
@@ -48,8 +48,8 @@ class Link(Protocol):
     def refusal(self, kind: type[Beside]) -> str:
         """Reason why what was told last of that kind was refused, "" when it was not, or no answer has come yet."""
 
-    def take_servo_loss(self) -> bool:
-        """True, once, when the servo was away before the STATE that `exchange` has given last."""
+    def take_servo_loss(self) -> ServoLoss:
+        """Whether the servo was away before the STATE that `exchange` has given last; told once."""
 
     def now_ns(self) -> int:
         """This end's clock."""

@@ -20,7 +20,7 @@ def driver_for(
     link: Link,
     task: SampledTask,
     name: str,
-    greeted: Callable[[RobotState, bool], object] = lambda _now, _anew: None,
+    tell_again: Callable[[RobotState, bool], object] = lambda _now, _forgotten: None,
     lock: threading.Condition | None = None,
     before: SampleDriver | None = None,
 ) -> SampleDriver:
@@ -30,12 +30,12 @@ def driver_for(
         link: open.
         task: to run.
         name: of its thread.
-        greeted: called with the first sample behind a time in which the link was lost, or the servo away: the servo may
-            be another one; True when the bridge was greeted anew. The one that was heard before is still the newest
-            that `task` knows.
+        tell_again: called with the first sample behind a time in which the link was lost, or the servo away; True when
+            the bridge was greeted anew, or the servo is another one, so that what they were told is forgotten. The
+            sample that was heard before is still the newest that `task` knows.
         lock: that it shares with others; by default it has one of its own.
         before: the driver of the same arm that has ended, whose place among all that run at an instant it takes.
     """
     if not link.virtual_time:
-        return ThreadDriver(link, task, name, greeted, lock)
-    return VirtualDriver(link, task, greeted, before.rank if isinstance(before, VirtualDriver) else None)
+        return ThreadDriver(link, task, name, tell_again, lock)
+    return VirtualDriver(link, task, tell_again, before.rank if isinstance(before, VirtualDriver) else None)

@@ -11,7 +11,7 @@ from dataclasses import replace
 from typing import Final, TypeVar
 
 from qrobot.errors import ConfigError, LinkLost, LinkTimeout, error_text
-from qrobot.rci.client import Beside, Client
+from qrobot.rci.client import Beside, Client, ServoLoss
 from qrobot.rci.link import NEW_PERIOD
 from qrobot.realtime.bridge_token import token_for
 from qrobot.realtime.deadline import Deadline
@@ -161,10 +161,10 @@ class TcpLink:
         """Descriptor of the socket, which becomes readable when a STATE comes. Raises LinkLost: it is closed."""
         return self._open_socket.fileno()
 
-    def take_servo_loss(self) -> bool:
+    def take_servo_loss(self) -> ServoLoss:
         """See `Link.take_servo_loss`."""
-        lost, self._client.servo_lost = self._client.servo_lost, False
-        return lost
+        loss, self._client.servo_loss = self._client.servo_loss, ServoLoss.NONE
+        return loss
 
     def now_ns(self) -> int:
         """The monotonic clock."""

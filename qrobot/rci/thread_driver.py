@@ -10,6 +10,7 @@ from typing import Final
 
 from qrobot.errors import LinkError, LinkLost, LinkTimeout, MotionError
 from qrobot.rci import arm_tasks
+from qrobot.rci.client import ServoLoss
 from qrobot.rci.link import Link
 from qrobot.rci.program_time import NO_WAIT
 from qrobot.rci.robot_samples import RELEASED
@@ -58,12 +59,12 @@ class ThreadDriver:
         link: Link,
         task: SampledTask,
         name: str,
-        greeted: Callable[[RobotState, bool], object] = lambda _now, _anew: None,
+        tell_again: Callable[[RobotState, bool], object] = lambda _now, _forgotten: None,
         lock: threading.Condition | None = None,
     ) -> None:
         self.error: BaseException | None = None
         self.share = InterpreterShare()
-        self._link, self._task, self._greeted = link, task, greeted
+        self._link, self._task, self._tell_again = link, task, tell_again
         self._sampled = lock or threading.Condition()
         self._shared = lock is not None  # others wait for it
         self._over = self._greeted_anew = False
@@ -168,10 +169,12 @@ class ThreadDriver:
                 self._greet_anew(lost)
                 continue
             with self._sampled:
-                if self._link.take_servo_loss() or self._greeted_anew:
-                    anew, self._greeted_anew = self._greeted_anew, False
+                loss = self._link.take_servo_loss()
+                if loss or self._greeted_anew:
+                    forgotten = self._greeted_anew or loss is ServoLoss.ANOTHER
+                    self._greeted_anew = False
                     self._task.lose_servo()
-                    self._greeted(state.robot, anew)
+                    self._tell_again(state.robot, forgotten)
                 command = self._task.step(state, self._link.now_ns())
                 self._tell_waiting()
 

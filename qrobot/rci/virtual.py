@@ -8,7 +8,7 @@ from dataclasses import replace
 from typing import Final, TypeAlias, TypeVar
 
 from qrobot.errors import QRobotError
-from qrobot.rci.client import Beside, Client
+from qrobot.rci.client import Beside, Client, ServoLoss
 from qrobot.rci.link import NEW_PERIOD
 from qrobot.wire import Command, Hello, State, Welcome
 
@@ -55,10 +55,10 @@ class VirtualLink:
         """See `Link.refusal`."""
         return self._client.refusals.get(kind, "")
 
-    def take_servo_loss(self) -> bool:
+    def take_servo_loss(self) -> ServoLoss:
         """See `Link.take_servo_loss`."""
-        lost, self._client.servo_lost = self._client.servo_lost, False
-        return lost
+        loss, self._client.servo_loss = self._client.servo_loss, ServoLoss.NONE
+        return loss
 
     def now_ns(self) -> int:
         """Virtual time of the newest packet."""

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
 
 from qrobot.rci import arm_tasks
+from qrobot.rci.client import ServoLoss
 from qrobot.rci.link import Link
 from qrobot.rci.program_time import Rank
 from qrobot.rci.robot_samples import RobotSamples
@@ -23,9 +24,9 @@ class VirtualDriver:
     share: None = None
 
     def __init__(
-        self, link: Link, task: SampledTask, greeted: Callable[[RobotState, bool], object], rank: Rank | None = None
+        self, link: Link, task: SampledTask, tell_again: Callable[[RobotState, bool], object], rank: Rank | None = None
     ) -> None:
-        self._link, self._task, self._greeted = link, task, greeted
+        self._link, self._task, self._tell_again = link, task, tell_again
         self._command: Command | None = None
         self._samples = RobotSamples(self._exchange, self._failed, rank)
         self.rank = self._samples.rank
@@ -61,9 +62,9 @@ class VirtualDriver:
 
     def _exchange(self) -> None:
         state = self._link.exchange(self._command)
-        if self._link.take_servo_loss():
+        if loss := self._link.take_servo_loss():
             self._task.lose_servo()
-            self._greeted(state.robot, False)
+            self._tell_again(state.robot, loss is ServoLoss.ANOTHER)
         self._command = self._task.step(state, self._link.now_ns())
 
     def _failed(self, error: BaseException) -> None:

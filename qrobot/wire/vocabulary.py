@@ -119,6 +119,7 @@ class ErrorCode(IntEnum):
     PAYLOAD_REFUSED = 12
     COLLISION_REFUSED = 13
     ANALOG_REFUSED = 14
+    SERVO_NEW = 15
 
 
 ERROR_MEANING: Final[dict[ErrorCode, tuple[bool, str]]] = {
@@ -139,5 +140,9 @@ ERROR_MEANING: Final[dict[ErrorCode, tuple[bool, str]]] = {
         "the arm takes no such thresholds of a collision; those before count",
     ),
     ErrorCode.ANALOG_REFUSED: (False, "the arm has no such analogue output, or not so many volts; none has changed"),
+    ErrorCode.SERVO_NEW: (
+        False,
+        "the next STATEs are of a servo that knows nothing of this connection; power has to be asked for anew",
+    ),
 }
 """Code to (does the connection end, what it means)."""

@@ -35,6 +35,7 @@ from qrobot.wire import (
     JointMode,
     Mode,
     Payload,
+    RobotFlag,
     Side,
     Signals,
     State,
@@ -102,7 +103,7 @@ class Client:
     def wait(self, duration_ns: int):
         self.now_ns += duration_ns
         state = self.port.read_state() if self.port.alive() else None
-        return self.exchange(self.session.tick(self.now_ns, state, self.port.mismatch))
+        return self.exchange(self.session.tick(self.now_ns, state, self.port.mismatch, self.port.servo))
 
     def join(self, hello: Hello = COMMANDER):
         (welcome,) = self.say(hello)
@@ -562,7 +563,8 @@ def test_a_servo_that_comes_back_moves_only_after_the_power_request_was_dropped(
     port.running = False
     client.wait(PERIOD_NS)
     port.restart()
-    (state,) = client.wait(PERIOD_NS)
+    new, state = client.wait(PERIOD_NS)
+    assert (new.code, new.fatal, new.text) == (ErrorCode.SERVO_NEW, False, "the servo of puma560 has started anew")
     assert state.robot.mode == Mode.OFF
     client.say(replace(MOVE, seq=2))
     assert len(port.frames) == 1
@@ -570,6 +572,47 @@ def test_a_servo_that_comes_back_moves_only_after_the_power_request_was_dropped(
     client.say(replace(MOVE, seq=4))
     assert [(frame.seq, frame.power) for frame in port.frames[1:]] == [(3, False), (4, True)]
     assert port.frames[1].stream > port.frames[0].stream
+
+
+def test_a_servo_that_was_away_for_a_moment_keeps_its_power_and_follows_a_new_stream(
+    client: Client, port: FakePort
+) -> None:
+    client.join().say(replace(MOVE, seq=1))
+    client.wait(PERIOD_NS)
+    port.running = False
+    client.wait(PERIOD_NS)
+    port.running = True
+    (state,) = client.wait(PERIOD_NS)
+    assert state.robot.powered
+    client.say(replace(MOVE, seq=2))
+    assert [(frame.seq, frame.power) for frame in port.frames] == [(1, True), (2, True)]
+    assert port.frames[1].stream > port.frames[0].stream
+
+
+@pytest.mark.parametrize("powered", [True, False])
+def test_a_servo_that_comes_after_the_client_powers_nothing_by_a_request_from_before(
+    client: Client, port: FakePort, powered: bool
+) -> None:
+    port.running = False
+    client.join()
+    client.wait(PERIOD_NS)
+    port.restart()
+    port.state = replace(port.state, flags=port.state.flags | (RobotFlag.POWERED if powered else 0))
+    new, _ = client.wait(PERIOD_NS)
+    assert new.code == ErrorCode.SERVO_NEW
+    client.say(replace(MOVE, seq=1))
+    assert len(port.frames) == powered  # one that has power is asked for none
+
+
+def test_a_servo_that_restarts_unseen_between_two_ticks_is_another_one(client: Client, port: FakePort) -> None:
+    client.join().say(replace(MOVE, seq=1))
+    client.wait(PERIOD_NS)
+    port.restart()
+    new, _ = client.wait(PERIOD_NS)
+    assert new.code == ErrorCode.SERVO_NEW
+    client.say(replace(MOVE, seq=2))
+    assert len(port.frames) == 1
+    assert len(client.wait(PERIOD_NS)) == 1  # told once
 
 
 def test_a_servo_that_restarts_while_the_commander_does_not_read_is_noticed_all_the_same(

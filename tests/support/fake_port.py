@@ -20,6 +20,7 @@ class FakePort:
         self.requests: list[SetpointFrame] = []
         self.stops = self.power_offs = 0
         self.mismatch = ""
+        self.servo = 1
         self.names: tuple[str, ...] = ()
         self.running = True
         self.collision_told = False
@@ -105,4 +106,5 @@ class FakePort:
     def restart(self) -> None:
         """As after `kill -9` and a new start: no power, nothing moves."""
         self.running = True
+        self.servo += 1
         self.state = replace(self.state, mode=Mode.OFF, flags=RobotFlag.ESTOP_OK | RobotFlag.CALIBRATED)

@@ -37,6 +37,7 @@ START_NS = 1_000_000_000
 POWERING_PERIODS = 3
 START_TOLERANCE = 0.02
 SERVO_GONE = WireError(ErrorCode.SERVO_GONE, "the servo does not run; this connection waits for it", False)
+SERVO_NEW = WireError(ErrorCode.SERVO_NEW, "the servo has started anew", False)
 
 
 class FakeRobot:
@@ -71,7 +72,7 @@ class FakeRobot:
         self._stream = self._dead_stream = -1
         self._heard = 0
         self._power_seen = False
-        self._gone = False  # the client has to be told so
+        self._complaints: tuple[WireError, ...] = ()  # that come before the next STATE
 
     # ------------------------------------------------------------------------------------------- what tests do to it
 
@@ -87,11 +88,11 @@ class FakeRobot:
         """Be another servo from the next period on, without power and without a pause; the client is told of it."""
         self.mode, self.fault, self.event, self.paused = Mode.OFF, 0, 0, False
         self.payload_mass = 0.0
-        self.be_away()
+        self._complaints = (SERVO_GONE, SERVO_NEW)
 
     def be_away(self) -> None:
         """Have been silent for a moment before the next period; the client is told of it."""
-        self._gone = True
+        self._complaints = (SERVO_GONE,)
 
     def forget_client(self) -> None:
         """Wait for a greeting, as after a connection that has broken."""
@@ -123,10 +124,9 @@ class FakeRobot:
         if self.before_period is not None:
             self.before_period(self.seq)
         self._live()
-        gone, self._gone = self._gone, False
-        complaint = self._connection.send(SERVO_GONE) if gone else b""
+        said, self._complaints = b"".join(map(self._connection.send, self._complaints)), ()
         state = State(self.seq % (1 << 32), self._state(), len(self.commands), you_command=True)
-        return complaint + self._connection.send(state)
+        return said + self._connection.send(state)
 
     # ---------------------------------------------------------------------------------------------------- inside
 

@@ -112,8 +112,8 @@ class BridgeMachine:
         before, self._driver = self._driver, None
         try:
             self._take(self._link.open())
-            greeted = self._arm_settings.tell_again
-            self._driver = driver_for(self._link, self, "arcl-trajectory", greeted, SAMPLED, before)
+            tell_again = self._arm_settings.tell_again
+            self._driver = driver_for(self._link, self, "arcl-trajectory", tell_again, SAMPLED, before)
             self._driver.start()
             self._arm_settings.tell_again()
             self.wait(lambda: self._robot.phase is CyclePhase.FOLLOWING)

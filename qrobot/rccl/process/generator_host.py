@@ -28,7 +28,7 @@ from qrobot.rccl.process.reports import GeneratorReport, Happened, MotionProgres
 from qrobot.rccl.process.shared_values import GENERATOR, ValueCells, warm_up
 from qrobot.rccl.setpoints import Setpoints
 from qrobot.rccl.task import TrajectoryTask
-from qrobot.rci.arm_settings import CarriedLoad, is_another
+from qrobot.rci.arm_settings import CarriedLoad
 from qrobot.rci.client import Beside
 from qrobot.rci.link import check_welcome
 from qrobot.rci.process_main import portable
@@ -314,9 +314,8 @@ class GeneratorHost:
 
     # ---------------------------------------------------------------------------------------------------------- inside
 
-    def _tell_again(self, now: RobotState, greeted: bool) -> None:
+    def _tell_again(self, now: RobotState, forgotten: bool) -> None:
         """See `ArmSettings.tell_again`."""
-        forgotten = greeted or is_another(self.task.how, now)
         load = self._load.lost(self.task.how, now)
         told = [packet for packet in self._told_again.values() if forgotten or isinstance(packet, Signals)]
         for packet in (*told, *(() if load is None else (load,))):

@@ -16,7 +16,7 @@ from qrobot.rccl.process.generator_process import LOOK_S, GeneratorProcess
 from qrobot.rccl.process.remote_task import RemoteTask
 from qrobot.rccl.task import TrajectoryTask
 from qrobot.rci import TcpLink, arm_tasks
-from qrobot.rci.client import Beside
+from qrobot.rci.client import Beside, ServoLoss
 from qrobot.rci.processor_names import claim_processor, cpu_of
 from qrobot.wire import Command, State, Welcome
 
@@ -128,9 +128,9 @@ class RemoteLink:
         """See `Link.refusal`."""
         return self._process.refusals.get(kind, "")
 
-    def take_servo_loss(self) -> bool:
+    def take_servo_loss(self) -> ServoLoss:
         """See `Link.take_servo_loss`: whoever answers the robot has taken it."""
-        return False
+        return ServoLoss.NONE
 
     def now_ns(self) -> int:
         """See `Link.now_ns`."""

@@ -239,14 +239,16 @@ def test_a_load_is_told_until_a_servo_has_had_time_to_carry_it(fake: FakeRobot, 
         arm.waitfor(arm.completed)
 
 
-@pytest.mark.parametrize("way", ["stop", "fault"])
+@pytest.mark.parametrize("way", ["stop", "fault", "power off by hand"])
 def test_a_servo_that_was_away_for_a_moment_keeps_how_somebody_has_a_collision_told_since(
     fake: FakeRobot, way: str
 ) -> None:
     with rccl.control("puma560") as arm:
         arm.keep_path()
         arm.collision("comply")
-        ended_on_the_way(fake, arm, way)
+        ended_on_the_way(fake, arm, "fault" if way == "fault" else "stop")
+        if way == "power off by hand":  # no fault is told of that
+            fake.mode, fake.event = Mode.OFF, 0
         fake.told = []
         fake.be_away()
         arm.waitas(lambda begin=arm.time: arm.time > begin + 200)

@@ -8,11 +8,12 @@ import pytest
 
 from qrobot.errors import LinkTimeout
 from qrobot.rci import hello_for
-from qrobot.rci.client import Client
+from qrobot.rci.client import Client, ServoLoss
 from qrobot.wire import ClientRole, Connection, ErrorCode, Side, State, Welcome, WireError
 from tests.support.packets import resting
 
 GONE = WireError(ErrorCode.SERVO_GONE, "the servo does not run", False)
+NEW = WireError(ErrorCode.SERVO_NEW, "the servo has started anew", False)
 
 
 def conversation(in_step: bool, sampled: bool) -> tuple[Client, Connection]:
@@ -38,7 +39,7 @@ def test_an_arm_by_itself_and_one_that_has_not_begun_wait_for_the_servo(in_step:
     client.take(server.send(GONE))
     assert client.warning == "the servo does not run"
     assert not client.refusals
-    assert client.servo_lost
+    assert client.servo_loss is ServoLoss.AWAY
 
 
 def test_a_sample_of_a_servo_that_has_gone_is_not_taken_for_one_of_the_next() -> None:
@@ -47,4 +48,12 @@ def test_a_sample_of_a_servo_that_has_gone_is_not_taken_for_one_of_the_next() ->
     assert client.pop_state() is None
     client.take(server.send(State(2, resting((0.1, -0.2)))))
     assert client.pop_state().seq == 2
-    assert client.servo_lost
+    assert client.servo_loss is ServoLoss.AWAY
+
+
+@pytest.mark.parametrize("said", [(GONE, NEW), (NEW,), (GONE, NEW, GONE)])
+def test_a_servo_that_has_started_anew_stays_another_one_until_that_is_seen(said: tuple[WireError, ...]) -> None:
+    client, server = conversation(in_step=False, sampled=True)
+    for complaint in said:
+        client.take(server.send(complaint))
+    assert client.servo_loss is ServoLoss.ANOTHER
