@@ -210,6 +210,11 @@ class Control(Section):
     friction_preset: str
     friction_velocity: PerJointPositive
 
+    @property
+    def stop_overshoot_s(self) -> Floats:
+        """How far each joint outruns the reference of a stop, in seconds of its speed. Shape (n,)."""
+        return frozen(np.sqrt(self.inertia / self.kp) / np.e)
+
 
 class Guard(Section):
     """Limits of the checks: torque, speed over `v_max`, following error, travel beyond the limits, first setpoint.
@@ -318,10 +323,15 @@ def _disagreements(robot: Robot) -> Iterator[str]:
         yield 'geometry.family = "stanford" needs the link frames of a Stanford arm (modified DH) and a boom beyond 0'
 
 
+def counter_ends(limits: Limits, guard: Guard, transmission: Transmission) -> tuple[Floats, Floats]:
+    """Least and greatest counter of each motor over limits and `guard.range_margin`. Shapes (n,)."""
+    return transmission.counts_between(limits.q_min - guard.range_margin, limits.q_max + guard.range_margin)
+
+
 def _beyond_the_counters(robot: Robot) -> Iterator[str]:
     """Joints for whose range a counter is too short: two positions would look the same, and a servo takes the wrong."""
-    margin, (first, last) = robot.guard.range_margin, COUNTER_RANGE
-    least, most = robot.transmission.counts_between(robot.limits.q_min - margin, robot.limits.q_max + margin)
+    first, last = COUNTER_RANGE
+    least, most = counter_ends(robot.limits, robot.guard, robot.transmission)
     for joint in np.flatnonzero(~((least >= first) & (most <= last))).tolist():
         low, high = float(least[joint]), float(most[joint])
         remedy = "fewer counts_per_rev (separate drives: more increments_per_count), or a shorter range"

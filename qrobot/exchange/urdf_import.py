@@ -26,6 +26,7 @@ from qrobot.config.robot import (
     Robot,
     Transmission,
     closed_form_family,
+    counter_ends,
     load_robot,
     robot_of,
 )
@@ -309,9 +310,8 @@ def _fit_counters(document: Document, notes: list[str]) -> None:
         limits, guard, transmission = _counted(document)
     except (ConfigError, KeyError):
         return
-    low, high = limits.q_min - guard.range_margin, limits.q_max + guard.range_margin
     table, (first, last) = document["transmission"], COUNTER_RANGE
-    least, most = transmission.counts_between(low, high)
+    least, most = counter_ends(limits, guard, transmission)
     outside = ~((least >= first) & (most <= last))
     long = most - least > last - first
     if long.any() and _is_borrowed(table, "counts_per_rev"):
@@ -319,7 +319,7 @@ def _fit_counters(document: Document, notes: list[str]) -> None:
         counts_per_rev = np.maximum((transmission.counts_per_rev * share).astype(np.int64), 1)
         transmission = transmission.model_copy(update={"counts_per_rev": counts_per_rev})
         _make_up(table, "counts_per_rev", counts_per_rev, long, notes)
-        least, most = transmission.counts_between(low, high)
+        least, most = counter_ends(limits, guard, transmission)
     outside &= most - least <= last - first
     if outside.any() and _is_borrowed(table, "count_offset"):
         middle = np.where(outside, np.clip((least + most) / 2.0, -_FARTHEST, _FARTHEST), 0.0)

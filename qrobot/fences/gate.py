@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from typing import Any, Final
 
+import numpy as np
 from numba import types
 
 from qrobot.arrays import Floats
@@ -25,6 +26,12 @@ N_VERDICT: Final = 3  # 1 to stop, the distance that is left, the number of the 
 VECTOR: Final = types.Array(types.float64, 1, "C")
 SIGNATURE: Final = types.void(*[VECTOR] * 9)
 gate_at: Final[Any] = function_at(SIGNATURE)
+
+
+def way_of_stop(v: Floats, a_stop: Floats, late_s: float) -> Floats:
+    """Way of a controlled stop of T seconds, v T/2, that begins in `late_s`. Velocities, ways: shape (..., n)."""
+    seconds = 0.5 * STOP_PEAK * (np.abs(v) / a_stop).max(axis=-1, keepdims=True) + late_s
+    return np.asarray(v * seconds)
 
 
 @lean_kernel

@@ -8,7 +8,6 @@ runs.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
@@ -20,7 +19,7 @@ from qrobot.arrays import Floats
 from qrobot.config import Robot
 from qrobot.errors import IdentificationError
 from qrobot.fences.fence_set import FenceSet
-from qrobot.fences.gate import REACTION_S, STOP_PEAK
+from qrobot.fences.gate import REACTION_S, way_of_stop
 from qrobot.ident.base import BaseParameters
 from qrobot.ident.clearance import Clearance
 from qrobot.ident.fourier import Fourier, States
@@ -214,10 +213,9 @@ class _DesignSearch:
 
     def _may_be_stopped(self, states: States) -> bool:
         """Whether the servo, which looks where a stop begun now would end, finds no fence there all along a run."""
-        control, guard = self.robot.control, self.robot.guard
-        late_s = float(np.sqrt(control.inertia / control.kp).max()) / math.e + REACTION_S
-        seconds = 0.5 * STOP_PEAK * (np.abs(states.v) / guard.a_stop).max(axis=1, keepdims=True) + late_s
-        return all(map(self.clearance.of_fences, states.q, states.q + states.v * seconds))
+        late_s = float(self.robot.control.stop_overshoot_s.max()) + REACTION_S
+        rests = states.q + way_of_stop(states.v, self.robot.guard.a_stop, late_s)
+        return all(map(self.clearance.of_fences, states.q, rests))
 
 
 def expected_torque(robot: Robot, regressor: Regressor, states: States) -> Floats:

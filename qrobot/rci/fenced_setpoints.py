@@ -11,7 +11,7 @@ import numpy as np
 
 from qrobot.arrays import Floats
 from qrobot.fences.fence_set import SLACK_M, FenceSet
-from qrobot.fences.gate import STOP_PEAK
+from qrobot.fences.gate import way_of_stop
 
 STOP_SHARES: Final = (0.0, 0.5, 1.0)  # [A] of its way, at which it is looked at
 
@@ -32,7 +32,6 @@ def check_setpoints(
         FenceCrossed: names fence, part of the arm and distance.
     """
     floor = np.minimum(fences.floor(before) + SLACK_M, -SLACK_M)  # each sample has its own: no creeping in
-    v = (setpoints - before) / period_s
-    seconds = 0.5 * STOP_PEAK * float((np.abs(v) / a_stop).max()) + period_s
+    way = way_of_stop((setpoints - before) / period_s, a_stop, period_s)
     for share in STOP_SHARES:
-        fences.check(setpoints + v * (share * seconds), floor, what, 1.0)
+        fences.check(setpoints + share * way, floor, what, 1.0)

@@ -19,7 +19,7 @@ from qrobot.config.deployment import DeployedArm
 from qrobot.errors import ConfigError
 from qrobot.fences.deployed import tool_of
 from qrobot.fences.fence_set import FenceSet
-from qrobot.fences.gate import DEEPER_M, REACTION_S, STOP_PEAK
+from qrobot.fences.gate import DEEPER_M, REACTION_S, way_of_stop
 from qrobot.fences.two_arms import ArmPair, pose_between
 from qrobot.servo.memory.published_state import FLAG_CALIBRATED, ServoSnapshot
 
@@ -40,6 +40,7 @@ class Neighbour:
         name: of the arm in the deployment.
         pair: this arm and that one.
         a_stop, other_a_stop: decelerations of a stop. Shapes (n,).
+        overshoot_s, other_overshoot_s: how far an arm outruns its reference in a stop, in seconds of its speed.
         margin_m: kept between the two.
     """
 
@@ -47,6 +48,8 @@ class Neighbour:
     pair: ArmPair
     a_stop: Floats
     other_a_stop: Floats
+    overshoot_s: float
+    other_overshoot_s: float
     margin_m: float
 
 
@@ -59,7 +62,9 @@ def neighbour_between(arm: DeployedArm, other: DeployedArm, robot: Robot, other_
         for deployed, each in ((arm, robot), (other, other_robot))
     ]
     pair = ArmPair(bodies[0], bodies[1], pose_between(arm.stand, other.stand))
-    return Neighbour(other.name, pair, robot.guard.a_stop, other_robot.guard.a_stop, arm.fences.arm_margin_m)
+    overshoots = [float(each.control.stop_overshoot_s.max()) for each in (robot, other_robot)]
+    stops = robot.guard.a_stop, other_robot.guard.a_stop
+    return Neighbour(other.name, pair, *stops, *overshoots, arm.fences.arm_margin_m)
 
 
 def distances_at_stops(neighbour: Neighbour, own: ServoSnapshot, other: ServoSnapshot, late_s: float) -> Floats:
@@ -68,16 +73,12 @@ def distances_at_stops(neighbour: Neighbour, own: ServoSnapshot, other: ServoSna
     Shape (1 + STOP_PLACES,).
     """
     found = [neighbour.pair.distance(own.q, other.q)]
-    ways = _way(own.v, neighbour.a_stop, late_s), _way(other.v, neighbour.other_a_stop, late_s)
+    late_s += REACTION_S
+    way = way_of_stop(own.v, neighbour.a_stop, late_s + neighbour.overshoot_s)
+    other_way = way_of_stop(other.v, neighbour.other_a_stop, late_s + neighbour.other_overshoot_s)
     for share in np.arange(1, STOP_PLACES + 1) / STOP_PLACES:
-        found.append(neighbour.pair.distance(own.q + share * ways[0], other.q + share * ways[1]))
+        found.append(neighbour.pair.distance(own.q + share * way, other.q + share * other_way))
     return np.array(found)
-
-
-def _way(v: Floats, a_stop: Floats, late_s: float) -> Floats:
-    """Way of a controlled stop that begins `late_s` from now. Shape (n,)."""
-    seconds = 0.5 * STOP_PEAK * float((np.abs(v) / a_stop).max()) + REACTION_S + late_s
-    return np.asarray(v * seconds)
 
 
 class NeighbourLook:

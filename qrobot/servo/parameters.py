@@ -154,7 +154,7 @@ def servo_parameters(robot: Robot, settings: ServoSettings, guarded: bool | None
             v_setpoint=SAMPLING_SLACK * limits.v_max,
             a_setpoint=SAMPLING_SLACK * limits.a_max,
             a_stop=np.array(guard.a_stop),
-            stop_overshoot_s=np.sqrt(control.inertia / control.kp) / math.e,
+            stop_overshoot_s=control.stop_overshoot_s,
             tau_max=np.array(guard.tau_max),
             tau_setpoint=np.full(robot.n, NO_TORQUE) if settings.position_drives else np.array(guard.tau_max),
             position_drives=int(settings.position_drives),
