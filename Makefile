@@ -27,6 +27,7 @@ demo: $(VENV)/dev.stamp ## move the emulated PUMA 560 through the paper's experi
 test: $(VENV)/dev.stamp ## all checks: lint, then the test suite
 	@$(MAKE) --no-print-directory -j 2 lint kernels
 	@$(MAKE) --no-print-directory unit
+	@echo "make test: every check has passed"
 
 # A test on the wall clock may be run again so often: `make test RERUNS=0` for not at all.
 RERUNS ?= 2

@@ -5,6 +5,7 @@ from __future__ import annotations
 import difflib
 import json
 import os
+import shutil
 import sys
 from collections.abc import Callable, Collection, Sequence
 from pathlib import Path
@@ -19,6 +20,8 @@ from rich.text import Text
 from qrobot.errors import ConfigError, QRobotError
 from qrobot.extras import missing_extra
 from qrobot.printable import printable
+
+PROGRAM: Final = "qrobot"
 
 SUCCESS: Final = 0
 FAILURE: Final = 1  # what was asked could not be done
@@ -71,6 +74,14 @@ def plain_table(title: str, *headings: str, words: Collection[str] = ()) -> Tabl
     for number, heading in enumerate(headings):
         table.add_column(heading, justify="left" if number == 0 or heading in words else "right")
     return table
+
+
+def command_name() -> str:
+    """How people call this program in a line to copy: as it was called, where a terminal does not find it by name."""
+    called = Path(sys.argv[0])
+    if called.name != PROGRAM or shutil.which(PROGRAM) is not None:
+        return PROGRAM
+    return str(called.relative_to(Path.cwd())) if called.is_relative_to(Path.cwd()) else str(called)
 
 
 def print_table(table: Table) -> None:

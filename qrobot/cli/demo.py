@@ -13,7 +13,7 @@ from rich.table import Table
 from rich.text import Text
 
 from qrobot.cli.arms import DEFAULT_DEPLOYMENT, LAW_NAMES
-from qrobot.cli.console import FAILURE, SUCCESS, err, note, out, print_table, write_json
+from qrobot.cli.console import FAILURE, SUCCESS, command_name, err, note, out, print_table, write_json
 from qrobot.cli.option_types import OutputFile, OutputFolder
 from qrobot.config.deployment import DeployedArm, Interpolation, Velocity
 from qrobot.errors import ConfigError, Stalled
@@ -23,6 +23,10 @@ if TYPE_CHECKING:
     from qrobot.rig.experiment import ExperimentRun, Result
 
 _LAW: Final = f"Another control law: {LAW_NAMES}."
+_PUNCTUALITY: Final = (
+    "late: cycles that began more than half a period after their time; µs: how long after it half of them, 99 %, and "
+    "all began at most"
+)
 COMPARED_LAW: Final = "pd"
 """Which the paper compares its own with."""
 
@@ -77,19 +81,23 @@ def demo(
     results = _run_all(runs, deployment, out_dir)
     verdicts = judge(results)
     for table in results_tables(results):
-        print_table(table)
         out.print()
+        print_table(table)
+    out.print(_PUNCTUALITY, soft_wrap=True)
+    out.print()
     for result in results:
         if result.made_again:
             out.print(f"made again: {_describe(result.run)}; at first: {result.made_again}", soft_wrap=True)
     for verdict in verdicts:
         mark = Text("holds", "green") if verdict.holds else Text("FAILS", "red")
         out.print(mark, f" {verdict.what}", soft_wrap=True)
+    out.print()
     for path in _draw(results, out_dir):
         out.print(f"figure {path}")
-    out.print(f"logs   {out_dir}  (look at one with `qrobot log info FILE`)")
+    qrobot = command_name()
+    out.print(f"logs   {out_dir}  (look at one with `{qrobot} log info FILE`)", soft_wrap=True)
     if results:
-        out.print(f"replay qrobot pendant --show --log {results[0].log.path}", soft_wrap=True)
+        out.print(f"replay {qrobot} pendant --show --log {results[0].log.path}", soft_wrap=True)
     if json is not None:
         write_json(_summary(results, verdicts), json)
     return SUCCESS if all(verdict.holds for verdict in verdicts) else FAILURE
@@ -165,8 +173,8 @@ def results_tables(results: list[Result]) -> list[Table]:
     names = results[0].log.header.joint_names if results else ()
     joints = [str(number) for number, _ in enumerate(names, 1)]  # the names are too long for a row
     largest = _table("largest tracking error of each joint, mrad (mm on a sliding joint)", joints)
-    rms = _table("rms tracking error of each joint, mrad", joints)
-    cycles = _table("cycles, and their wake-up in µs", ("cycles", "late", "p50/p99/max", "x real", "fault"))
+    rms = _table("rms of the same while a program leads the arm, at rest too", joints)
+    cycles = _table("punctuality of the cycles", ("cycles", "late", "p50/p99/max µs", "times real time", "fault"))
     for result in results:
         run, numbers = result.run, result.summary
         label = (str(run.rate_hz), run.clock, run.plant, run.law_label)

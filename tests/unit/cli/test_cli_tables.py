@@ -1,4 +1,4 @@
-"""Tables lose nothing: not in a pipe, and not on a terminal of 80 columns, or of 20."""
+"""Tables lose nothing: not in a pipe, and not on a terminal of 80 columns, or of 20. Lines to copy work as they are."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from rich.table import Table
 
-from qrobot.cli.console import out, plain_table, print_table
+from qrobot.cli.console import command_name, out, plain_table, print_table
 
 ROOT = Path(__file__).parents[3]
 NUMBERS = [f"{number * 1.2345e5:.3f}" for number in range(1, 13)]
@@ -52,3 +52,22 @@ def test_a_name_with_brackets_is_printed_as_it_is(capsys: pytest.CaptureFixture[
     out.print("figure out/[red]x[/red].png")
     assert capsys.readouterr().out == "figure out/[red]x[/red].png\n"
     assert out.file is sys.stdout
+
+
+@pytest.mark.parametrize(
+    ("called", "found", "line"),
+    [
+        (".venv/bin/qrobot", None, ".venv/bin/qrobot"),
+        ("{here}/.venv/bin/qrobot", None, ".venv/bin/qrobot"),
+        ("/opt/arm/bin/qrobot", None, "/opt/arm/bin/qrobot"),
+        ("/opt/arm/bin/qrobot", "/opt/arm/bin/qrobot", "qrobot"),
+        ("/usr/lib/pytest/__main__.py", None, "qrobot"),
+    ],
+)
+def test_a_line_to_copy_calls_the_program_as_a_terminal_finds_it(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, called: str, found: str | None, line: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("sys.argv", [called.format(here=tmp_path)])
+    monkeypatch.setattr("shutil.which", lambda name: found if name == "qrobot" else None)
+    assert command_name() == line
