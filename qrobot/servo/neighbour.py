@@ -62,9 +62,11 @@ def neighbour_between(arm: DeployedArm, other: DeployedArm, robot: Robot, other_
         for deployed, each in ((arm, robot), (other, other_robot))
     ]
     pair = ArmPair(bodies[0], bodies[1], pose_between(arm.stand, other.stand))
-    overshoots = [float(each.control.stop_overshoot_s.max()) for each in (robot, other_robot)]
-    stops = robot.guard.a_stop, other_robot.guard.a_stop
-    return Neighbour(other.name, pair, *stops, *overshoots, arm.fences.arm_margin_m)
+    overshoot_s, other_overshoot_s = (float(each.control.stop_overshoot_s.max()) for each in (robot, other_robot))
+    return Neighbour(
+        other.name, pair, robot.guard.a_stop, other_robot.guard.a_stop, overshoot_s, other_overshoot_s,
+        arm.fences.arm_margin_m,
+    )  # fmt: skip
 
 
 def distances_at_stops(neighbour: Neighbour, own: ServoSnapshot, other: ServoSnapshot, late_s: float) -> Floats:
