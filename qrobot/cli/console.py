@@ -77,7 +77,7 @@ def plain_table(title: str, *headings: str, words: Collection[str] = ()) -> Tabl
 
 
 def command_name() -> str:
-    """How people call this program in a line to copy: as it was called, where a terminal does not find it by name."""
+    """Name of this program in a line to copy: as it was called, where a terminal does not find it by itself."""
     called = Path(sys.argv[0])
     if called.name != PROGRAM or shutil.which(PROGRAM) is not None:
         return PROGRAM

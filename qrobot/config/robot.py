@@ -212,7 +212,7 @@ class Control(Section):
 
     @property
     def stop_overshoot_s(self) -> Floats:
-        """How far each joint outruns the reference of a stop, in seconds of its speed. Shape (n,)."""
+        """Overshoot of each joint over the reference of a stop, in seconds of its speed. Shape (n,)."""
         return frozen(np.sqrt(self.inertia / self.kp) / np.e)
 
 

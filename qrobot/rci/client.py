@@ -42,7 +42,7 @@ _REFUSED: Final[dict[int, type[Beside]]] = {
 
 
 class ServoLoss(IntEnum):
-    """What was before a STATE."""
+    """Absence of the servo before a STATE."""
 
     NONE = 0
     AWAY = 1  # the servo was away for a moment; it remembers what it was told
