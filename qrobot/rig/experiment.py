@@ -219,8 +219,10 @@ def _result(run: ExperimentRun, log: Log, factor: float, digest: str = "") -> Re
 
 
 def _rows_with_fault(log: Log) -> Rows:
-    """Rows from the first fault of the powered arm on."""
-    return np.asarray(log.rows[(log.rows["mode"] >= Mode.HOLDING) & (log.rows["fault"] != 0)])
+    """Rows in which a fault stands, or has just begun to stop the arm; a warning, told in the same field, does not."""
+    mode, code = log.rows["mode"], log.rows["fault"]
+    new = np.diff(code, prepend=0) != 0  # else it is a stop that somebody asked for, after a warning
+    return np.asarray(log.rows[((mode == Mode.FAULT) | ((mode == Mode.STOPPING) & new)) & (code != 0)])
 
 
 def stalled_before_fault(log: Log) -> bool:

@@ -23,7 +23,7 @@ from qrobot.log.header import header_for
 from qrobot.log.read import Log
 from qrobot.log.summary import tracking_summary
 from qrobot.modecodes import Mode
-from qrobot.rig.experiment import STALLS, ExperimentRun, Result, run_realtime, stalled_before_fault
+from qrobot.rig.experiment import STALLS, ExperimentRun, Result, _result, run_realtime, stalled_before_fault
 from qrobot.servo.memory.telemetry import FLAG_UNSEEN, TelemetryLayout
 from tests.support.processes import write_deployment
 
@@ -121,6 +121,27 @@ def test_a_run_without_a_fault_blames_nobody() -> None:
     log.rows["fault"] = 0
     log.rows["t_ns"][100:] += 20 * PERIOD_NS
     assert not stalled_before_fault(log)
+
+
+@pytest.mark.parametrize(
+    ("mode", "code", "fault"),
+    [
+        (Mode.TRACKING, FaultCode.LAW_SLOW, ""),
+        (Mode.HOLDING, FaultCode.IO_LOST, ""),
+        (Mode.STOPPING, FaultCode.COLLISION, "COLLISION"),
+        (Mode.FAULT, FaultCode.LAW_SLOW, "LAW_SLOW"),
+    ],
+)
+def test_a_warning_is_no_fault(mode: Mode, code: FaultCode, fault: str) -> None:
+    log = log_of_a_fault()
+    log.rows["mode"][FAULT_ROW:], log.rows["fault"][FAULT_ROW:] = mode, code
+    assert _result(ExperimentRun(1000), log, 1.0).fault == fault
+
+
+def test_a_stop_that_somebody_asks_for_after_a_warning_is_no_fault() -> None:
+    log = log_of_a_fault()
+    log.rows["mode"][FAULT_ROW:], log.rows["fault"][100:] = Mode.STOPPING, FaultCode.LAW_SLOW
+    assert _result(ExperimentRun(1000), log, 1.0).fault == ""
 
 
 def result_with(law: str, error: float, made_again: str = "") -> Result:
