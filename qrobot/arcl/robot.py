@@ -102,6 +102,12 @@ class ArclRobot(PathCalls, LineCalls):
         q: Floats = self._seen.q / self._units
         return q
 
+    @property
+    def setpoint(self) -> Floats:
+        """The newest joint setpoint of its motions, rad or m, counted as those of `aki`. Shape (n,)."""
+        with self._lock():
+            return self._motions.engine.newest.copy()
+
     def where(self, name: str = "HERE") -> Trans:
         """T6 at the measured joint positions."""
         return new_trans_value(name, self.aki.forward(self._seen.q))

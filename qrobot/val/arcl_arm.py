@@ -76,6 +76,12 @@ class ArclArm(LibraryArm[Motion]):
         return q
 
     @property
+    def setpoint(self) -> Floats:
+        """See `ValArm`."""
+        q: Floats = self._rp.setpoint + self._zero
+        return q
+
+    @property
     def inputs(self) -> int:
         """See `ValArm`."""
         return self._seen.inputs

@@ -57,6 +57,10 @@ class ValArm(Protocol):
         """Measured joint positions, rad or m. Shape (n,)."""
 
     @property
+    def setpoint(self) -> Floats:
+        """Joint positions that the arm was told last, rad or m, from which its next motion begins. Shape (n,)."""
+
+    @property
     def inputs(self) -> int:
         """Binary inputs, input 1001 in bit 0."""
 

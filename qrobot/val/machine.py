@@ -204,7 +204,7 @@ class Machine:
 
     def destination_pose(self) -> Floats:
         """Pose in the world that the tool is going to, or has. Shape (4, 4)."""
-        return self.space.tool_at(self.arm.q) if self._dest is None else self._dest
+        return self.space.tool_at(self.arm.setpoint) if self._dest is None else self._dest
 
     def go(
         self, name: str, location: Transformation | JointLocation, straight: bool, per_cent: float | None = None
@@ -253,7 +253,7 @@ class Machine:
                 raise
             raise MotionError(f"{error.reason}; {_slower(destination, error.share)} or less gets there") from error
         except (JointLimit, Unreachable) as error:
-            now = self.space.branch(self.arm.q) if self._branch is None else self._branch
+            now = self.space.branch(self.arm.setpoint) if self._branch is None else self._branch
             goal = destination.T_robot_tool
             branch = branch_of(destination.letters, now)
             words = "" if goal is None else self.space.other_words(goal, self.arm.q, branch)
@@ -264,7 +264,7 @@ class Machine:
     def _letters(self, straight: bool) -> str:
         if not self.words:
             return ""
-        before = self.space.branch(self.arm.q) if self._branch is None else self._branch
+        before = self.space.branch(self.arm.setpoint) if self._branch is None else self._branch
         letters = branch_of(self.words, before).letters
         if straight and letters != before.letters:
             raise ProgramError("the configuration cannot change in a straight line; MOVE first")

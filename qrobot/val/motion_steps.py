@@ -67,7 +67,7 @@ def _drive(run: Interpreter, task: ValTask, *numbers: tree.Expression) -> Waits:
     machine = run.machine
     axis = int(number_ranges.joint(machine.robot.n).check(joint)) - 1
     yield from wait_for_arrival(run, task)
-    q = machine.arm.q
+    q = machine.arm.setpoint  # not as measured: each DRIVE would move the other joints by the error of their servo
     q[axis] += by * joint_units(machine.robot)[axis]
     yield from _go(run, "DRIVE", JointLocation(q), False, number_ranges.SPEED.check(speed))
 

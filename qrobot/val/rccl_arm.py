@@ -12,6 +12,7 @@ from qrobot.rccl import EQ, TL, Channel, Position, Transform, makeposition, newt
 from qrobot.units import DEG_PER_RAD, S_PER_MS
 from qrobot.val.arm import TURN_PER_MM, Destination
 from qrobot.val.library_arm import LibraryArm, MotionUnderWay
+from qrobot.wire import JointMode
 
 _WORDS: Final = {
     Termination.JOINT_LIMIT: "a joint would leave its range",
@@ -45,6 +46,12 @@ class RcclArm(LibraryArm[Position]):
     def q(self) -> Floats:
         """See `ValArm`."""
         return np.asarray(self._channel.how.q, dtype=np.float64)
+
+    @property
+    def setpoint(self) -> Floats:
+        """See `ValArm`; a joint that is not told a position is where it is measured."""
+        told = np.array(self._channel.chg.modes) == JointMode.POSITION
+        return np.where(told, self._channel.chg.setpoints, self.q)
 
     @property
     def inputs(self) -> int:

@@ -6,15 +6,18 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from qrobot import rci
 from qrobot.config import load_robot
 from qrobot.rccl.connect import open_channel
 from qrobot.rccl.offline import OfflineLink
+from qrobot.rci import VirtualLink
 from qrobot.rci.machine_choice import MachineChoice, use_machine
 from qrobot.val.arcl_arm import arcl_arm
 from qrobot.val.arm import ValArm
 from qrobot.val.interpreter import Interpreter
 from qrobot.val.rccl_arm import RcclArm
 from qrobot.val.source import read_source
+from tests.support.fake_robot import FakeRobot
 
 EXAMPLES = Path(__file__).parents[2] / "examples/val"
 
@@ -41,6 +44,17 @@ def ideal_arm(library: str = "rccl", period_ms: float = 28.0) -> Iterator[ValArm
             use_machine(MachineChoice("offline", analog_ranges={1: (0.0, 10.0)})),
             arcl_arm(load_robot("puma560"), period_ms) as arm,
         ):
+            yield arm
+
+
+@contextmanager
+def faked_arm(fake: FakeRobot, library: str) -> Iterator[ValArm]:
+    """An arm over the link to `fake`, a PUMA 560."""
+    if library == "rccl":
+        with open_channel(lambda hello: VirtualLink(hello, fake.transfer), "puma560") as channel:
+            yield RcclArm(channel)
+    else:
+        with rci.use(lambda hello: VirtualLink(hello, fake.transfer)), arcl_arm(load_robot("puma560")) as arm:
             yield arm
 
 

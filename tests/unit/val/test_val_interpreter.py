@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +10,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from qrobot import rci
 from qrobot.arrays import Floats
 from qrobot.config import load_robot
 from qrobot.config.fences import Fence
@@ -22,8 +19,6 @@ from qrobot.fences.fence_set import FenceSet
 from qrobot.fences.in_force import use_fences
 from qrobot.rccl.connect import open_channel
 from qrobot.rci import VirtualLink
-from qrobot.val.arcl_arm import arcl_arm
-from qrobot.val.arm import ValArm
 from qrobot.val.interpreter import Interpreter, RunState
 from qrobot.val.monitor import ValMonitor
 from qrobot.val.rccl_arm import RcclArm
@@ -39,7 +34,7 @@ from qrobot.val.values import (
 from qrobot.val.workspace import Workspace
 from tests.support.fake_robot import FakeRobot
 from tests.support.puma import PARK, ROBOT
-from tests.support.val_runs import EXAMPLES, interpreter, main_program
+from tests.support.val_runs import EXAMPLES, faked_arm, interpreter, main_program
 
 PLACES = """
 .LOCATIONS
@@ -223,20 +218,10 @@ def test_monitor_speed_acts_on_the_line_under_way_which_stays_straight(library: 
     assert arm.time_s - begin > 2.0
 
 
-@contextmanager
-def _faked_arm(fake: FakeRobot, library: str) -> Iterator[ValArm]:
-    if library == "rccl":
-        with open_channel(lambda hello: VirtualLink(hello, fake.transfer), "puma560") as channel:
-            yield RcclArm(channel)
-    else:
-        with rci.use(lambda hello: VirtualLink(hello, fake.transfer)), arcl_arm(load_robot("puma560")) as arm:
-            yield arm
-
-
 @pytest.mark.parametrize("library", ["rccl", "arcl"])
 def test_a_stop_of_the_servo_pauses_a_program_and_proceed_leads_the_arm_back_to_its_path(library: str) -> None:
     fake = FakeRobot(tuple(PARK))
-    with _faked_arm(fake, library) as arm:
+    with faked_arm(fake, library) as arm:
         run = Interpreter(arm)
         run.machine.load(read_source(main_program("MOVE a", "MOVES b", "x = 7", rest=PLACES))[0])
         for place in ("a", "b"):  # on the way to both
