@@ -306,6 +306,17 @@ def test_the_papers_program_compiles_without_a_warning(standard: str, tmp_path: 
         subprocess.run([*command, "-c", str(EXAMPLES / f"{name}.c"), "-o", str(tmp_path / "x.o")], check=True)
 
 
+@pytest.mark.parametrize("standard", ["cc -std=gnu17", "c++ -std=c++11"])
+def test_numbers_of_all_types_may_stand_in_a_list(standard: str, tmp_path: Path) -> None:
+    types = ("char", "short", "int", "long", "long long", "float", "double")
+    types += tuple(f"unsigned {each}" for each in types[:5])
+    given = ", ".join(f"MOV_TIME, ({each}) 100" for each in types)
+    (tmp_path / "each.c").write_text(f"#include <arcl.h>\nvoid each(ROBOT *rp, Pos *p) {{ move(rp, p, {given}, 0); }}")
+    command = [*standard.split(), "-Wall", "-Wextra", "-Werror", f"-I{toolchain.ARCL_INCLUDE}"]
+    language = ["-x", "c++"] if "c++" in standard else []
+    subprocess.run([*command, *language, "-c", str(tmp_path / "each.c"), "-o", str(tmp_path / "x.o")], check=True)
+
+
 def test_numbers_and_calls_of_the_header_are_those_of_the_package() -> None:
     numbers: dict[str, int] = {}
     for group in re.findall(r"^enum \{(.*?)\};", HEADER, re.MULTILINE | re.DOTALL):

@@ -254,7 +254,10 @@ int sym_load(const char *path);
 namespace arcl_lists {
 inline arcl_value value(int x) { return arcl_integer(x); }
 inline arcl_value value(long x) { return arcl_integer(x); }
+inline arcl_value value(long long x) { return arcl_integer(x); }
 inline arcl_value value(unsigned x) { return arcl_integer(x); }
+inline arcl_value value(unsigned long x) { return arcl_integer((long long) x); }
+inline arcl_value value(unsigned long long x) { return arcl_integer((long long) x); }
 inline arcl_value value(double x) { return arcl_real(x); }
 inline arcl_value value(const char *x) { return arcl_text(x); }
 inline arcl_value value(char **x) { return arcl_words(x); }
