@@ -211,38 +211,37 @@ class Machine:
     ) -> None:
         """Queue a motion with its own speed or that which was asked for, and the configuration.
 
+        A straight line to a precision point goes to its pose, and does not change the configuration.
         Raises MotionError, ProgramError; what was asked for then stays for the next one.
         """
         asked = self.next_speed or (self.speed, self.in_mm_s)
         speed, in_mm_s = asked if per_cent is None else (per_cent, False)
-        letters = self._letters(straight)
         pose = self.pose_of(location)
         q = location.q if isinstance(location, JointLocation) else None
+        before = self._branch_before()
+        letters = self._letters(before, straight, q)
         fastest = STRAIGHT_SHARE if straight else 1.0
         share = fastest * min(max(1.0 if in_mm_s else speed / 100.0, 1e-3), 1.0)
         mm_s = speed if in_mm_s else None
-        robot_pose = None if q is not None and not straight else self.space.robot_pose(pose)
-        destination = Destination(
-            name, robot_pose, self.space.T_last_tool, q if robot_pose is None else None, straight, share, mm_s, letters
-        )
+        q = None if straight else q
+        robot_pose = self.space.robot_pose(pose) if q is None else None
+        destination = Destination(name, robot_pose, self.space.T_last_tool, q, straight, share, mm_s, letters)
         if not self.switches["DRY.RUN"]:
             self._move(destination)
         self._dest = pose
-        self._branch = branch_of(letters) if letters else self._branch
-        if q is not None:
-            self._branch = self.space.branch(q)
+        self._branch = branch_of(letters, before) if q is None else self.space.branch(q)
         self.next_speed, self.words = (None, "") if self._aside is None else self._aside[:2]
 
     def go_again(self, destination: Destination) -> None:
         """Queue a motion that was interrupted; the next one begins where it leads. Raises MotionError."""
+        before = self._branch_before()
         self.arm.move(destination)
         if destination.q is not None:
             self._dest, self._branch = self.space.tool_at(destination.q), self.space.branch(destination.q)
         if destination.T_robot_tool is not None:
             last = destination.T_robot_tool @ inverse(destination.T_last_tool)  # the tool may be another one by now
             self._dest = self.space.base @ last @ self.space.T_last_tool
-        if destination.letters:
-            self._branch = branch_of(destination.letters)
+            self._branch = branch_of(destination.letters, before)
 
     def _move(self, destination: Destination) -> None:
         """Queue a motion. Raises MotionError, with the speed or the configuration that would get there."""
@@ -253,22 +252,26 @@ class Machine:
                 raise
             raise MotionError(f"{error.reason}; {_slower(destination, error.share)} or less gets there") from error
         except (JointLimit, Unreachable) as error:
-            now = self.space.branch(self.arm.setpoint) if self._branch is None else self._branch
             goal = destination.T_robot_tool
-            branch = branch_of(destination.letters, now)
+            branch = branch_of(destination.letters, self._branch_before())
             words = "" if goal is None else self.space.other_words(goal, self.arm.q, branch)
             if not words:
                 raise
             raise MotionError(f"{error}; {words} before a MOVE gets there") from error
 
-    def _letters(self, straight: bool) -> str:
-        if not self.words:
-            return ""
-        before = self.space.branch(self.arm.setpoint) if self._branch is None else self._branch
-        letters = branch_of(self.words, before).letters
-        if straight and letters != before.letters:
+    def _branch_before(self) -> Branch:
+        """The configuration in which the next motion begins."""
+        return self.space.branch(self.arm.setpoint) if self._branch is None else self._branch
+
+    def _letters(self, before: Branch, straight: bool, q: Floats | None) -> str:
+        """The configuration to ask for, of a motion to joint positions `q` (n,) or to a pose; empty to keep `before`.
+
+        Raises ProgramError: it would change in a straight line.
+        """
+        asked = branch_of(self.words, before)
+        if straight and (asked != before or (q is not None and self.space.branch(q) != before)):
             raise ProgramError("the configuration cannot change in a straight line; MOVE first")
-        return "" if straight else letters
+        return asked.letters if self.words and not straight else ""
 
 
 def _slower(destination: Destination, share: float) -> str:
