@@ -46,17 +46,25 @@ def _largest(result: Result) -> np.ndarray[Any, np.dtype[np.float64]]:
 
 
 def _faults(results: Sequence[Result]) -> list[Verdict]:
-    return [Verdict(f"{r.run.name}: no fault{f', but {r.fault}' if r.fault else ''}", not r.fault) for r in results]
+    faulted = [Verdict(f"{r.run.name}: no fault, but {r.fault}", False) for r in results if r.fault]
+    if faulted or not results:
+        return faulted
+    return [Verdict(f"no fault in {len(results)} {'run' if len(results) == 1 else 'runs'}", True)]
 
 
 def _errors(results: Sequence[Result]) -> list[Verdict]:
     verdicts = []
-    for result in _lockstep(results, "qrobot"):
-        arm, wrist = LARGEST_ERROR_RAD[result.run.plant]
-        largest = _largest(result)
-        holds = bool(np.all(largest[:ARM_JOINTS] <= arm) and np.all(largest[ARM_JOINTS:] <= wrist))
-        what = f"{result.run.name}: largest error {arm * 1e3:g} mrad on joints 1-3, {wrist * 1e3:g} on the others"
-        verdicts.append(Verdict(what, holds))
+    for plant, bounds in LARGEST_ERROR_RAD.items():
+        errors = [_largest(r) for r in _lockstep(results, "qrobot", plant)]
+        if errors:
+            worst = np.max(errors, axis=0)
+            found = worst[:ARM_JOINTS].max(), worst[ARM_JOINTS:].max()
+            parts = [
+                f"{joints} within {bound * 1e3:g} mrad ({most * 1e3:.2f})"
+                for joints, bound, most in zip(("joints 1-3", "the others"), bounds, found, strict=True)
+            ]
+            holds = all(most <= bound for bound, most in zip(bounds, found, strict=True))
+            verdicts.append(Verdict(f"{plant} plant in lock-step: {', '.join(parts)}", holds))
     return verdicts
 
 
@@ -65,8 +73,9 @@ def _pd_is_worse(results: Sequence[Result]) -> list[Verdict]:
     for pd in _lockstep(results, "pd", "nominal"):
         for full in _lockstep(results, "qrobot", "nominal"):
             if full.run.rate_hz == pd.run.rate_hz:
-                holds = bool(np.all(_largest(pd)[:ARM_JOINTS] >= PD_FACTOR * _largest(full)[:ARM_JOINTS]))
-                verdicts.append(Verdict(f"PD alone at least {PD_FACTOR:g} times as bad on joints 1-3", holds))
+                times = float(np.min(_largest(pd)[:ARM_JOINTS] / _largest(full)[:ARM_JOINTS]))
+                what = f"law pd at least {PD_FACTOR:g} times as bad as law qrobot on joints 1-3 ({times:.1f} times)"
+                verdicts.append(Verdict(what, times >= PD_FACTOR))
     return verdicts
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import subprocess
 from contextlib import nullcontext
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -23,6 +24,7 @@ from qrobot.log.header import header_for
 from qrobot.log.read import Log
 from qrobot.log.summary import tracking_summary
 from qrobot.modecodes import Mode
+from qrobot.rig.demo_criteria import judge
 from qrobot.rig.experiment import STALLS, ExperimentRun, Result, _result, run_realtime, stalled_before_fault
 from qrobot.servo.memory.telemetry import FLAG_UNSEEN, TelemetryLayout
 from tests.support.processes import write_deployment
@@ -196,3 +198,39 @@ def test_an_arm_with_a_real_board_is_moved_by_no_demo(
     assert runs == []
     run_app(make_app(), [*demo, "--lockstep"])
     assert {run.clock for run in runs} == {"lockstep"}
+
+
+def demo_results(*errors: tuple[str, str, float], fault: str = "") -> list[Result]:
+    """Lock-step runs at 1 kHz by law, plant and largest error, rad, of every joint; the last one with a `fault`."""
+    log = log_of_a_fault()
+    results = [
+        Result(
+            ExperimentRun(1000, plant=plant, law=law),
+            log, replace(tracking_summary(log), max_abs_error=(error,) * 6), 1.0, "",
+        )
+        for law, plant, error in errors
+    ]  # fmt: skip
+    return [*results[:-1], replace(results[-1], fault=fault)]
+
+
+def verdicts_of(results: list[Result]) -> list[tuple[bool, str]]:
+    return [(verdict.holds, verdict.what) for verdict in judge(results)]
+
+
+def test_verdicts_tell_each_bound_once_with_what_was_found() -> None:
+    runs = ("qrobot", "nominal", 0.001), ("qrobot", "nominal", 0.0015), ("qrobot", "mismatched", 0.005)
+    told = verdicts_of(demo_results(*runs[:1], *runs[2:], ("pd", "nominal", 0.003)))
+    assert told == [
+        (True, "no fault in 3 runs"),
+        (True, "nominal plant in lock-step: joints 1-3 within 5 mrad (1.00), the others within 2 mrad (1.00)"),
+        (False, "mismatched plant in lock-step: joints 1-3 within 10 mrad (5.00), the others within 4 mrad (5.00)"),
+        (True, "law pd at least 2 times as bad as law qrobot on joints 1-3 (3.0 times)"),
+    ]
+    assert verdicts_of(demo_results(*runs[:2]))[1][1].endswith("(1.50), the others within 2 mrad (1.50)")
+
+
+def test_a_run_with_a_fault_fails_by_its_name() -> None:
+    told = verdicts_of(demo_results(("qrobot", "nominal", 0.001), ("pd", "nominal", 0.001), fault="LAW_NAN"))
+    assert (False, "lockstep-1000-nominal-pd: no fault, but LAW_NAN") in told
+    assert not [what for _, what in told if "no fault in" in what]
+    assert (False, "law pd at least 2 times as bad as law qrobot on joints 1-3 (1.0 times)") in told
