@@ -73,7 +73,7 @@ class ArmStation:
         self.facts |= stand_facts(arm.stand)
         self.requests = ServoRequests(arm.name, self.tell)
         self.programs = programs or ProgramRunner(arm.name)
-        self.watch = ArmWatch(arm, self._hear, on_change, self.programs.deployment)
+        self.watch = ArmWatch(arm, robot, self._hear, on_change, self.programs.deployment)
         self.places = TaughtPlaces(taught, tuple(robot.poses), self.tell)
         self._on_state, self._on_change = on_state, on_change
         self._newest: State | None = None
@@ -241,6 +241,9 @@ class ArmStation:
         """Put where the arm is under a name into the file of places; told when it cannot be."""
         if self._newest is None or self.watch.problem:
             self.tell("nothing is known of where the arm is")
+            return
+        if RobotFlag.CALIBRATED not in RobotFlag(self._newest.robot.flags):
+            self.tell("not recorded: the arm is not calibrated, and where it is is not known")
             return
         pose = reduce(np.matmul, link_frames(self.robot, self._newest.robot.q))  # no kernel: pages wait meanwhile
         self.places.record(name, pose)

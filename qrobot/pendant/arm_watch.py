@@ -9,11 +9,12 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import Final
 
+from qrobot.config import Robot
 from qrobot.config.deployment import DeployedArm
 from qrobot.errors import LinkLost, LocalProtocolError, QRobotError
 from qrobot.rci.client import Client
 from qrobot.realtime.bridge_token import token_for
-from qrobot.wire import ClientRole, Hello, State, Stop
+from qrobot.wire import ClientRole, Hello, State, Stop, Welcome
 
 PERIOD_US: Final = 28_000
 SILENCE_S: Final = 1.0  # ten of the longest sample periods
@@ -27,6 +28,7 @@ class ArmWatch:
 
     Args:
         arm: of the deployment.
+        robot: of the arm; of another one nothing is told, but it can be stopped.
         tell: takes each STATE, newest only.
         changed: called when `problem` is another.
         deployment: file of the arm, for advice; may be empty.
@@ -36,11 +38,17 @@ class ArmWatch:
     """
 
     def __init__(
-        self, arm: DeployedArm, tell: Callable[[State], None], changed: Callable[[], None], deployment: str = ""
+        self,
+        arm: DeployedArm,
+        robot: Robot,
+        tell: Callable[[State], None],
+        changed: Callable[[], None],
+        deployment: str = "",
     ) -> None:
         self.problem = "looking for the arm"
         self._start = f"qrobot up {shlex.quote(deployment)}" if deployment else "qrobot up"
-        self._arm, self._tell, self._changed = arm, tell, changed
+        self._arm, self._robot, self._tell, self._changed = arm, robot, tell, changed
+        self._stranger = ""  # what is wrong with the robot that answers
         self._address = (arm.bridge.host, arm.bridge.port)
         self._line: tuple[Client, asyncio.StreamWriter] | None = None
 
@@ -96,15 +104,30 @@ class ArmWatch:
                 client.take(await reader.read(CHUNK))
         except TimeoutError:
             raise client.silence() from None
+        if (welcome := client.pop_welcome()) is not None:
+            self._stranger = self._judge(welcome)
         if (state := client.pop_state()) is not None:
-            self._say("")
-            self._tell(state)
+            self._say(self._stranger)
+            if not self._stranger:
+                self._tell(state)
+
+    def _judge(self, welcome: Welcome) -> str:
+        """Complaint about a bridge of another robot than that of the deployment, "" when it is this one."""
+        here, own = (welcome.robot, welcome.n), (self._robot.name, self._robot.n)
+        if here == own:
+            return ""
+        names = [f"{name} of {n} joints" for name, n in (here, own)]
+        remedy = "start the pendant with the deployment file of that arm (--deployment)"
+        return f"at {self._where} is a {names[0]}, not the {names[1]} of this deployment: {remedy}"
+
+    @property
+    def _where(self) -> str:
+        return ":".join(map(str, self._address))
 
     def _why(self, error: Exception) -> str:
         if isinstance(error, QRobotError) and not isinstance(error, LinkLost):
             return str(error)
-        where = ":".join(map(str, self._address))
-        return f"no arm {self._arm.name} at {where}: start it with `{self._start}`"
+        return f"no arm {self._arm.name} at {self._where}: start it with `{self._start}`"
 
     def _say(self, problem: str) -> None:
         if problem != self.problem:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import logging
 from collections import deque
 from collections.abc import Callable
 from typing import Any, Final
@@ -35,6 +36,7 @@ from qrobot.pendant.program_messages import PageProgramEnd, PageProgramInterrupt
 from qrobot.pendant.servo_requests import ANYBODY
 from qrobot.wire import State
 
+_log = logging.getLogger(__name__)
 MOST_FRAMES: Final = 256  # that wait for a page which does not read: some seconds of two arms, then the oldest go
 
 
@@ -126,7 +128,10 @@ class DriveFloor:
     def look_at_lease(self) -> None:
         """End the driving of pages that sleep; to be called each second."""
         for arm in self.arms:
-            self._look_at_lease_of(arm)
+            try:
+                self._look_at_lease_of(arm)
+            except Exception:  # the other arms are looked at all the same, and this one again
+                _log.exception("the lease of arm %s could not be looked at", arm.arm.name)
 
     # ---------------------------------------------------------------------------------------------------- messages
 
@@ -146,8 +151,7 @@ class DriveFloor:
         """Do what needs no lease; False when the message is none of that."""
         match message:
             case PageStop():
-                for arm in self.arms:
-                    arm.stop()
+                self._stop_all()
             case PageTake():
                 self._take_lease(page, self._of(message))
             case PageGive():
@@ -159,6 +163,17 @@ class DriveFloor:
             case _:
                 return self._end_for_anybody(message)
         return True
+
+    def _stop_all(self) -> None:
+        """Stop every arm, whatever fails at another one; the first failure is raised afterwards."""
+        failures: list[Exception] = []
+        for arm in self.arms:
+            try:
+                arm.stop()
+            except Exception as error:
+                failures.append(error)
+        if failures:
+            raise failures[0]
 
     def _end_for_anybody(self, message: AnyMessage) -> bool:
         """The same of what only makes an arm do less."""

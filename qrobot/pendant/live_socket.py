@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import asyncio
+import logging
 from contextlib import suppress
 from typing import TYPE_CHECKING
 
-from qrobot.errors import QRobotError
+from qrobot.errors import QRobotError, error_text
 from qrobot.pendant.floor import DriveFloor, PageView
 from qrobot.pendant.messages import decode_message
 
 if TYPE_CHECKING:
     from starlette.websockets import WebSocket
+
+_log = logging.getLogger(__name__)
 
 
 async def serve_page(floor: DriveFloor, socket: WebSocket) -> None:
@@ -47,6 +50,9 @@ def _obey(floor: DriveFloor, page: PageView, text: str) -> None:
         floor.obey(page, decode_message(text))
     except QRobotError as error:
         page.complain(str(error))
+    except Exception as error:  # a full disk, say: a page that drives would lose its arms by the end of its connection
+        _log.exception("what page %s asks for failed", page.number)
+        page.complain(f"not done: {error_text(error) if isinstance(error, OSError) else type(error).__name__}")
 
 
 async def _tell(floor: DriveFloor, page: PageView, socket: WebSocket, due: asyncio.Event) -> None:

@@ -426,6 +426,11 @@ def a_program_is_paused_while_no_page_drives_led_back_to_its_path_and_ended_by_s
     wait_until(lambda: page.shows("#source", "while True"), "its source")
     page.click("start-live")
     assert state_of_program(page) != "running"  # it waits for a confirmation
+    choose_arm(page, 1)
+    assert page.run("return document.getElementById('start-sure').offsetParent === null")  # which was about the other
+    choose_arm(page, 0)
+    page.click_at(f'[data-name="{PROGRAM}"]')
+    page.click("start-live")
     page.click("start-sure")
     wait_until(lambda: arm.mode is Mode.TRACKING, "the program moves the arm")
     page.click("drive")  # gives up

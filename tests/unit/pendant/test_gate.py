@@ -77,6 +77,12 @@ def test_a_page_of_this_server_comes_in_and_no_other(kind: str, path: str) -> No
         assert answer[0]["type"] in ("http.response.start", "websocket.close"), headers
 
 
+@pytest.mark.parametrize("other", ['x={"a":1}', "a=b c", "version=1", "alone", r"b=\q", "="])
+def test_a_cookie_that_another_server_of_this_machine_has_left_locks_nobody_out(other: str) -> None:
+    assert came_in(knock("http", "/", host=HOST, cookie=f"{other}; {IN}"))
+    assert not came_in(knock("http", "/", host=HOST, cookie=f"{other}; {COOKIE}=wrong"))
+
+
 def test_a_socket_without_an_origin_is_no_page() -> None:
     assert not came_in(knock("websocket", "/live", host=HOST, cookie=IN))
     assert came_in(knock("http", "/", host=HOST, cookie=IN))

@@ -107,7 +107,7 @@ def test_the_command_that_starts_an_arm_which_is_not_there_names_the_deployment(
     monkeypatch.chdir(tmp_path)
     Path("a folder").mkdir()
     Path("a folder/cell.toml").write_text(deployment_path("two_arms").read_text())
-    watch = ArmWatch(load_deployment(deployment).arm[1], print, print, deployment)
+    watch = ArmWatch(load_deployment(deployment).arm[1], ROBOT, print, print, deployment)
     told = shlex.split(watch._why(OSError()).split("`")[1])
     assert told[:2] == ["qrobot", "up"]
     assert load_deployment(told[2]) == load_deployment(deployment)
@@ -119,13 +119,16 @@ class SilentClient:
     def take(self, data: bytes) -> None:
         assert data
 
+    def pop_welcome(self) -> None:
+        return None
+
     def pop_state(self) -> None:
         return None
 
 
 def test_a_watch_that_is_cancelled_ends_also_at_the_instant_at_which_something_is_heard() -> None:
     async def is_cancelled(turns: int) -> bool:
-        reader, watch = asyncio.StreamReader(), ArmWatch(load_deployment("emulator").arm[0], print, print)
+        reader, watch = asyncio.StreamReader(), ArmWatch(load_deployment("emulator").arm[0], ROBOT, print, print)
         hearing = asyncio.create_task(watch._hear(SilentClient(), reader))  # type: ignore[arg-type]
         await asyncio.sleep(0.01)
         reader.feed_data(b"half a packet")
@@ -138,3 +141,34 @@ def test_a_watch_that_is_cancelled_ends_also_at_the_instant_at_which_something_i
         return hearing.cancelled()
 
     assert [asyncio.run(is_cancelled(turns)) for turns in range(6)] == [True] * 6
+
+
+class StrangeClient(SilentClient):
+    """A line to a bridge of some robot that tells a sample with everything that is read."""
+
+    def __init__(self, robot: str, n: int) -> None:
+        self._welcome: list[Welcome] = [Welcome(ClientRole.OBSERVER, robot, n, arm_watch.PERIOD_US)]
+
+    def pop_welcome(self) -> Welcome | None:  # type: ignore[override]
+        return self._welcome.pop() if self._welcome else None
+
+    def pop_state(self) -> State:  # type: ignore[override]
+        return STATE
+
+
+@pytest.mark.parametrize(("robot", "n"), [("stanford", 6), (ROBOT.name, 7)])
+def test_the_arm_of_another_robot_is_not_shown_as_that_of_the_deployment(robot: str, n: int) -> None:
+    async def heard(robot: str, n: int) -> tuple[list[State], str]:
+        told: list[State] = []
+        watch = ArmWatch(load_deployment("emulator").arm[0], ROBOT, told.append, lambda: None)
+        reader, client = asyncio.StreamReader(), StrangeClient(robot, n)
+        for _ in range(2):
+            reader.feed_data(b"a packet")
+            await watch._hear(client, reader)  # type: ignore[arg-type]
+        return told, watch.problem
+
+    assert asyncio.run(heard(ROBOT.name, ROBOT.n)) == ([STATE, STATE], "")
+    told, problem = asyncio.run(heard(robot, n))
+    assert told == []
+    for each in (f"{robot} of {n} joints", f"{ROBOT.name} of 6 joints", "--deployment"):
+        assert each in problem

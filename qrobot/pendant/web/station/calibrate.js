@@ -13,21 +13,22 @@ export function makeCalibrate(root) {
   const slow = el("input", { type: "checkbox", id: "identify-slow" });
   const sure = el("div", { class: "confirm", hidden: true, role: "alertdialog" });
   const button = (id, title, act) => el("button", { id, onclick: act }, title);
-  const start = (step, confirmed = false) => {
-    sure.hidden = true;
-    link.say({ do: "procedure start", arm: link.chosen, step, indexes: Math.round(Number(indexes.value)) || 5, slow: slow.checked, confirmed });
+  const start = (step, arm = link.chosen, confirmed = false) => {
+    link.say({ do: "procedure start", arm, step, indexes: Math.round(Number(indexes.value)) || 5, slow: slow.checked, confirmed });
   };
+  const close = () => (sure.hidden = true);
   const offer = (words, act) => {
+    const arm = link.chosen; // what is confirmed is about this arm and no other
     sure.hidden = false;
-    sure.replaceChildren(el("p", {}, el("b", {}, `⚠ ${link.arm.facts.name}: `), words), el("button", { id: "procedure-sure", onclick: act }, "Do it now"), el("button", { onclick: () => (sure.hidden = true) }, "Cancel"));
+    sure.replaceChildren(el("p", {}, el("b", {}, `⚠ ${link.arms[arm].facts.name}: `), words), el("button", { id: "procedure-sure", onclick: () => (close(), act(arm)) }, "Do it now"), el("button", { onclick: close }, "Cancel"));
     sure.scrollIntoView({ block: "nearest" });
   };
-  const calibrate = button("calibrate", "Calibrate …", () => offer("every joint creeps over a few index pulses, one after the other, up to a turn of its motor and more. Then the counters on the board are loaded. Keep clear of the arm.", () => start("calibrate", true)));
+  const calibrate = button("calibrate", "Calibrate …", () => offer("every joint creeps over a few index pulses, one after the other, up to a turn of its motor and more. Then the counters on the board are loaded. Keep clear of the arm.", (arm) => start("calibrate", arm, true)));
   const plan = button("identify-plan", "1 Plan", () => start("plan"));
   const lockstep = button("identify-lockstep", "2 Record in lock-step", () => start("record lockstep"));
-  const live = button("identify-live", "2 Record this arm …", () => offer("it moves through most of its range for some minutes. Keep clear of it.", () => start("record live", true)));
+  const live = button("identify-live", "2 Record this arm …", () => offer("it moves through most of its range for some minutes. Keep clear of it.", (arm) => start("record live", arm, true)));
   const fit = button("identify-fit", "3 Fit", () => start("fit"));
-  const keep = button("identify-keep", "4 Keep the model …", () => offer("the model is written to the folder of logs, beside those that are there. The servo uses it once the deployment file names it.", () => ((sure.hidden = true), link.say({ do: "procedure keep", arm: link.chosen, confirmed: true }))));
+  const keep = button("identify-keep", "4 Keep the model …", () => offer("the model is written to the folder of logs, beside those that are there. The servo uses it once the deployment file names it.", (arm) => link.say({ do: "procedure keep", arm, confirmed: true })));
   const state = el("span", { class: "chip", id: "procedure-state" });
   const end = button("procedure-end", "■ Cancel it", () => link.say({ do: "procedure end", arm: link.chosen }));
   const bar = el("progress", { id: "procedure-progress", max: "1", value: "0", "aria-label": "progress" });
@@ -83,6 +84,7 @@ export function makeCalibrate(root) {
 
   const show = () => {
     const now = facts(), may = link.driving && now.state !== "running";
+    if (!may) close();
     for (const each of [calibrate, plan, lockstep, live]) each.disabled = !may;
     fit.disabled = !may || !now.recorded;
     keep.disabled = !may || !now.fitted;
@@ -91,6 +93,7 @@ export function makeCalibrate(root) {
     setAttribute(state, "data-level", { running: "live", failed: "bad", done: "good" }[now.state] ?? "off");
     progress(now);
   };
+  for (const name of ["hello", "chosen"]) link.addEventListener(name, close);
   for (const name of ["hello", "status", "chosen"]) link.addEventListener(name, show);
   setInterval(look, LOOK_MS);
 }

@@ -47,17 +47,18 @@ export function makePrograms(root) {
   const facts = () => link.armStatus?.program ?? { run: 0, state: "none" };
   const say = (line) => link.say({ do: "program say", arm: link.chosen, line });
 
-  const start = (manner, confirmed = false) => {
+  const start = (manner, arm = link.chosen, confirmed = false) => {
     offer(false);
-    link.say({ do: "program start", arm: link.chosen, name: chosen.name, manner, execute: part.value || "main", speed: Number(speed.value) || 50, step: chosen.language === "VAL" && step.checked, confirmed });
+    link.say({ do: "program start", arm, name: chosen.name, manner, execute: part.value || "main", speed: Number(speed.value) || 50, step: chosen.language === "VAL" && step.checked, confirmed });
   };
 
   function offer(on) {
     sure.hidden = !on;
     if (!on) return;
+    const arm = link.chosen; // what is confirmed is about this arm and no other
     sure.replaceChildren(
-      el("p", {}, el("b", {}, `⚠ ${link.arm.facts.name} will move`), ` as ${chosen.name} says. Is everybody out of its reach, and the emergency stop at hand? ${chosen.language === "recording" ? "The arm goes slowly to where the recording begins. While no page drives, it is ended; a pause does not hold it." : "While no page drives, the program is paused."}`),
-      el("button", { id: "start-sure", onclick: () => start("live", true) }, "Start it now"),
+      el("p", {}, el("b", {}, `⚠ ${link.arms[arm].facts.name} will move`), ` as ${chosen.name} says. Is everybody out of its reach, and the emergency stop at hand? ${chosen.language === "recording" ? "The arm goes slowly to where the recording begins. While no page drives, it is ended; a pause does not hold it." : "While no page drives, the program is paused."}`),
+      el("button", { id: "start-sure", onclick: () => start("live", arm, true) }, "Start it now"),
       el("button", { onclick: () => offer(false) }, "Cancel"),
     );
   }
@@ -153,6 +154,7 @@ export function makePrograms(root) {
   const show = () => {
     const now = facts(), runs = now.state === "running", mine = link.driving;
     for (const button of buttons) button.disabled = !mine || runs || !chosen;
+    if (!mine || runs) offer(false);
     end.disabled = !runs;
     next.hidden = go.hidden = interrupt.hidden = !now.stepping;
     next.disabled = go.disabled = !runs || !mine;
@@ -165,6 +167,7 @@ export function makePrograms(root) {
     setText(told, now.run ? `${now.name}, ${how}${now.told ? `: ${now.told}` : ""}${now.line ? `; line ${now.line}` : ""}` : mine ? "" : "Only the page that drives starts programs: press Drive from here.");
     mark();
   };
+  for (const name of ["hello", "chosen"]) link.addEventListener(name, () => offer(false));
   for (const name of ["hello", "status", "chosen"]) link.addEventListener(name, show);
   for (const name of ["hello", "chosen"]) link.addEventListener(name, () => !root.hidden && renew());
   setInterval(look, LOOK_MS);

@@ -1,0 +1,63 @@
+"""Pages at the pendant when something fails that nobody has foreseen: a full disk, a thread that cannot be started."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from qrobot.pendant.lease import SILENCE_S
+from qrobot.pendant.live_socket import _obey
+from qrobot.wire import RobotState, State
+from tests.unit.pendant.test_floor import Floor, Q
+
+FULL = OSError(28, "No space left on device")
+
+
+def fail(*_arguments: Any, **_named: Any) -> None:
+    raise FULL
+
+
+@pytest.fixture
+def floor(tmp_path: Path) -> Floor:
+    floor = Floor(tmp_path, arms=2)
+    for arm in (0, 1):
+        floor.says(0, do="take", arm=arm)
+    return floor
+
+
+def test_a_page_is_told_of_it_and_still_drives_its_arms(floor: Floor) -> None:
+    page = floor.pages[0]
+    floor.station.programs.start = fail  # type: ignore[method-assign, assignment]
+    request = {"do": "program start", "arm": 0, "name": "a.py", "manner": "offline"}
+    _obey(floor, page, json.dumps(request))
+    told = json.loads(floor.status(page))
+    assert told["notice"] == "not done: No space left on device"
+    assert [arm["driver"] for arm in told["arms"]] == [1, 1]
+
+
+def test_stop_reaches_every_arm_whatever_fails_at_the_first(floor: Floor) -> None:
+    floor.station.stop = fail  # type: ignore[method-assign]
+    with pytest.raises(OSError, match="No space"):
+        floor.says(1, do="stop")
+    assert floor.asked == [(1, "stop"), (1, {"do": "stop"})]
+
+
+def test_a_page_that_sleeps_loses_its_other_arms_whatever_fails_at_the_first(floor: Floor) -> None:
+    floor.station.leave_alone = fail  # type: ignore[method-assign]
+    floor.now_s += SILENCE_S + 0.1
+    floor.look_at_lease()
+    assert floor.arms[1].lease.holder is None
+    assert floor.asked[-1] == (1, {"do": "off"})
+
+
+def test_no_place_is_recorded_of_an_arm_whose_counters_are_not_true(tmp_path: Path) -> None:
+    floor = Floor(tmp_path)
+    floor.says(0, do="take", arm=0)
+    robot = RobotState(t_ns=0, mode=4, q=Q, v=(0.0,) * 6, tau=(0.0,) * 6, q_setpoint=Q, flags=5)
+    floor.station.watch._tell(State(1, robot))
+    floor.says(0, do="record", arm=0, name="HERE")
+    assert "not calibrated" in floor.station.status["notice"]
+    assert not (tmp_path / "t.db").exists()
