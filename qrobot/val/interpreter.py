@@ -82,16 +82,16 @@ class Interpreter:
         return f"{self.task.name}, {self.state.value},"
 
     def execute(self, program: str, cycles: int = 1, step: int = 1, single: bool = False) -> RunState:
-        """Run a program until it ends, pauses or fails; see `state` and `message`.
+        """Run a program until it ends, pauses or fails; see `state` and `message`. What ran beside another one ends.
 
         Raises:
             ProgramError: there is no such program or step, or a structure in it does not match.
             LinkError, ServoFault: the arm is lost.
         """
         self.need_path()
-        self.task, self._unfinished = ValTask(self.machine, program, cycles=cycles, step=step - 1), []
+        self.task = ValTask(self.machine, program, cycles=cycles, step=step - 1)
+        self._unfinished, self.beside, self._failed = [], [], None
         self.machine.reset_manner()
-        self._forget_failure()
         return self._run(single)
 
     def proceed(self, single: bool = False) -> RunState:
@@ -173,15 +173,10 @@ class Interpreter:
                 self.task, self.state, self.message, self._unfinished, self._failed = kept
             self.error = None
 
-    def _forget_failure(self) -> None:
-        """A process control program that failed is given up with the program beside which it ran."""
-        self.beside = [task for task in self.beside if task is not self._failed]
-        self._failed = None
-
     def start_beside(self, program: str, cycles: int) -> None:
-        """Begin a process control program. Raises ProgramError: it runs already, or too many do."""
+        """Begin a process control program, unless it runs already. Raises ProgramError: too many run."""
         if any(task.name == program for task in self.beside):
-            raise ProgramError(f"process control program {program} runs already")
+            return
         if len(self.beside) >= MOST_BESIDE:
             raise ProgramError(f"{MOST_BESIDE} process control programs run already")
         self.beside.append(ValTask(self.machine, program, moves=False, cycles=cycles))
