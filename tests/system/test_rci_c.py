@@ -62,6 +62,32 @@ int main(void)
     return 0;
 }
 """
+HANDLED = """
+#include "rci.h"
+#include <signal.h>
+#include <stdlib.h>
+#include <sys/time.h>
+static RCI_TASK *td;
+static void rest(RCI_TASK *td) { (void) td; }
+static void on_alarm(int number)
+{
+    static int count;
+    if (number != SIGALRM || rci_state(td) != RCI_ACTIVE)
+        _Exit(3);
+    if (++count == 500)
+        exit(0);
+}
+int main(void)
+{
+    const struct itimerval often = {{0, 100}, {0, 100}};
+    if ((td = rci_create("watch", "aux")) == 0 || rci_control(td, rest, 0, 0) || rci_onclock(td, 1, 0))
+        return 1;
+    if (rci_start(td->bit) || signal(SIGALRM, on_alarm) == SIG_ERR || setitimer(ITIMER_REAL, &often, 0))
+        return 2;
+    for (;;)
+        rci_runs(td);
+}
+"""
 BOTH = """
 #include "rccl.h"
 #include "rci.h"
@@ -499,6 +525,16 @@ def test_a_program_in_c_ends_while_a_function_of_a_task_does_not_come_back(make:
         [make(source, flags=STRICT[1:])], capture_output=True, text=True, timeout=PATIENCE_S, check=True
     )
     assert done.stdout == "rci_close: -1\n"
+
+
+@pytest.mark.realtime
+def test_handlers_of_signals_may_ask_and_exit_whatever_call_they_interrupt(make: Make, tmp_path: Path) -> None:
+    source = tmp_path / "handled.c"
+    source.write_text(HANDLED)
+    done = subprocess.run(
+        [make(source, flags=STRICT[1:])], capture_output=True, text=True, timeout=PATIENCE_S, check=False
+    )
+    assert (done.returncode, done.stderr) == (0, "")
 
 
 @pytest.mark.realtime

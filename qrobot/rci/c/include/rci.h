@@ -18,6 +18,9 @@
  * them and the bridge is the C of this library. How to use it: docs/how-to/write-an-rci-task-in-c.md; every call:
  * docs/reference/c-surface-rci.md. Units are SI: rad or m, N m or N, s.
  *
+ * A handler of a signal in the planning program may ask (rci_state, rci_runs, rci_how, ...), send, receive, and exit();
+ * it makes, starts, releases and waits for nothing: let it set a flag that the function of rci_wait() looks at.
+ *
  * Calls that can fail return 0, or -1 (pointers: 0) after a line on stderr, which rci_error() keeps. C89 and C++.
  *
  * SPDX-License-Identifier: Apache-2.0
@@ -132,7 +135,7 @@ void *rci_getMemory(const char *label);
 int rci_sharedData(unsigned long accessMask, void *addr, unsigned long size);
 long rci_send(unsigned long sendcode, const void *buffer, long size);
 long rci_receive(unsigned long getcode, void *buffer, long size, RCI_TASK **sender);
-int rci_signal(int number);
+int rci_signal(int number);        /* to the planning program; what its handler may call is said above */
 
 /* Support */
 RCI_TASK *rci_descriptor(const char *name);

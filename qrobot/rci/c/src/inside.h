@@ -1,7 +1,8 @@
 /* Inside of the library behind rci.h.
  *
  * A processor is a thread; it runs its tasks one after another. One lock guards everything that more than one thread
- * sees. It is held for microseconds, inherits priorities, and is never held while a function of the program runs.
+ * sees. It is held for microseconds, inherits priorities, and is never held while a function of the program runs, a
+ * handler of a signal included.
  *
  * SPDX-License-Identifier: Apache-2.0
  */
@@ -102,6 +103,7 @@ extern const int rci_robot_count;
 /* program.c */
 int rci_fail(const char *format, ...) __attribute__((format(printf, 1, 2)));
 void rci_begin(void);
+void rci_signals_are_blocked(void); /* in a thread of ours, which has all signals blocked */
 void rci_lock(void);
 void rci_unlock(void);
 int rci_is_task(const RCI_TASK *td, const char *call);
@@ -143,7 +145,8 @@ int rci_link_hear(RCI_TASK *td);
 struct processor *rci_processor(const char *name);
 int rci_processor_start(struct processor *processor);
 void rci_processor_wake(struct processor *processor);
-int rci_processors_end(void);
+void rci_processors_end(void);
+int rci_processors_forget(void);
 int rci_watch_start(void);
 void rci_watch_end(void);
 void rci_give_up(struct seat *seat);

@@ -250,6 +250,7 @@ static void *run(void *argument)
     struct seat *seat = argument;
     cpu_set_t one;
 
+    rci_signals_are_blocked();
     rci_lock();
     if (seat->processor->cpu >= 0) {
         CPU_ZERO(&one);
@@ -391,15 +392,19 @@ static int count_lost(void)
     return lost;
 }
 
-/* End the threads of all processors, then the watch. Returns how many never came back. */
-int rci_processors_end(void)
+/* End the threads of all processors. */
+void rci_processors_end(void)
 {
-    struct processor *each = rci_program.processors, *next;
+    for (struct processor *each = rci_program.processors; each != NULL; each = each->next)
+        end_thread(each);
+}
+
+/* Forget processors whose threads have ended, and the watch with them. Returns how many threads never came back. */
+int rci_processors_forget(void)
+{
+    struct processor *each, *next;
     int lost;
 
-    for (; each != NULL; each = each->next)
-        end_thread(each);
-    rci_watch_end();
     for (each = rci_program.processors; each != NULL; each = next) {
         next = each->next;
         forget_processor(each);

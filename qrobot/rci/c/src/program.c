@@ -3,11 +3,14 @@
 
 #include <ctype.h>
 #include <sched.h>
+#include <signal.h>
 
 struct program rci_program;
 __thread RCI_TASK *rci_current; /* whose function runs in this thread; 0 in the planning program */
 static pthread_once_t once = PTHREAD_ONCE_INIT;
 static pid_t owner;
+static __thread int blocked;          /* a thread of ours, which has all signals blocked */
+static __thread sigset_t mask_before; /* what this thread had blocked when it took the lock */
 static __thread char last_error[TEXT_BYTES];
 
 /* Say on stderr what went wrong, and keep it for rci_error. Returns -1. */
@@ -27,20 +30,39 @@ const char *rci_error(void)
     return last_error;
 }
 
+void rci_signals_are_blocked(void)
+{
+    blocked = 1;
+}
+
+static void block_signals(sigset_t *before)
+{
+    sigset_t all;
+
+    sigfillset(&all);
+    pthread_sigmask(SIG_SETMASK, &all, before);
+}
+
+/* A handler of the planning program would wait for ever for a lock that the program itself has: signals wait. */
 void rci_lock(void)
 {
+    if (!blocked)
+        block_signals(&mask_before);
     pthread_mutex_lock(&rci_program.lock);
 }
 
 void rci_unlock(void)
 {
     pthread_mutex_unlock(&rci_program.lock);
+    if (!blocked)
+        pthread_sigmask(SIG_SETMASK, &mask_before, NULL);
 }
 
 /* A child of the program has none of its threads. */
 static void close_at_exit(void)
 {
-    if (rci_program.begun && owner == getpid() && pthread_equal(pthread_self(), rci_program.parent_thread) && rci_current == NULL)
+    if (rci_program.begun && owner == getpid() && pthread_equal(pthread_self(), rci_program.parent_thread) &&
+        rci_current == NULL)
         rci_close();
 }
 
@@ -243,6 +265,7 @@ int rci_close(void)
 {
     static RCI_TASK **kept; /* by threads that never came back: reachable, for those who look for leaks */
     unsigned long mask = 0;
+    sigset_t before;
     int failed, lost;
 
     if (!rci_program.begun)
@@ -253,13 +276,17 @@ int rci_close(void)
         mask |= rci_program.tasks[i]->bit;
     if (mask != 0 && rci_program.sealed)
         rci_release(mask);
-    lost = rci_processors_end();
+    rci_processors_end();
+    block_signals(&before); /* a handler may end the program, whose tasks are either there or not */
+    rci_watch_end();
+    lost = rci_processors_forget();
     rci_lock();
     failed = untold();
     rci_unlock();
     if (lost && (kept = malloc(sizeof rci_program.tasks)) != NULL)
         memcpy(kept, rci_program.tasks, sizeof rci_program.tasks);
     forget_all(lost);
+    pthread_sigmask(SIG_SETMASK, &before, NULL);
     return failed ? -1 : 0;
 }
 

@@ -22,6 +22,7 @@ static void *watch(void *argument)
     const struct timespec moment = {0, WATCH_NS};
     struct seat seat;
 
+    rci_signals_are_blocked();
     memset(&seat, 0, sizeof seat);
     rci_take_fifo(&seat, 1);
     rci_lock();
