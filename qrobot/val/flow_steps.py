@@ -108,12 +108,11 @@ def _react(run: Interpreter, task: ValTask, action: tree.Reaction) -> None:
     number = whole_number_of(action.signal, task)
     signal_holds(number, task)  # there is such a signal
     priority = 1 if action.priority is None else _priority(action.priority, task, "REACT", 1)
-    task.watches[number] = Watch(action.program, priority, action.word == "REACTI")
-    task.seen[number] = False
+    task.watch(number, Watch(action.program, priority, action.word == "REACTI"))
 
 
 def _ignore(_run: Interpreter, task: ValTask, number: tree.Expression) -> None:
-    task.watches.pop(whole_number_of(number, task), None)
+    task.ignore(whole_number_of(number, task))
 
 
 def _lock(_run: Interpreter, task: ValTask, priority: tree.Expression) -> None:

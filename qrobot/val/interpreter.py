@@ -396,18 +396,17 @@ class Interpreter:
     # ---------------------------------------------------------------------------------------------- reactions, errors
 
     def _react(self, task: ValTask) -> None:
-        """Call the program of the most urgent signal that has come."""
-        come = []
-        for number, watch in task.watches.items():
+        """Call the program of the most urgent signal that has come, now or while it was held back."""
+        for number in task.watches:
             on = signal_holds(number, task)
             if on and not task.seen[number]:
-                come.append((watch.priority, number, watch))
-            elif not on:
-                task.seen[number] = False
+                task.pending.add(number)
+            task.seen[number] = on
         now = task.frames[-1].priority if task.frames else 0
-        for priority, number, watch in sorted(come, key=lambda each: -each[0]):
-            if task.frames and priority > now and (watch.at_once or task.doing is None):
-                task.seen[number] = True
+        for number in sorted(task.pending, key=lambda each: -task.watches[each].priority):
+            watch = task.watches[number]
+            if task.frames and watch.priority > now and (watch.at_once or task.doing is None):
+                task.pending.remove(number)
                 self._call_reaction(task, watch)
                 return
 

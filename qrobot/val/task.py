@@ -92,6 +92,8 @@ class ValTask:
         last: its call, and its number there.
         doing, until: what the step waits for.
         watches: reactions by signal number, negative for one that goes off.
+        seen: whether each of these signals was there when it was looked at last.
+        pending: those that have come, and whose reaction is still to be called.
         on_error: program that REACTE has named; empty for none.
     """
 
@@ -107,6 +109,7 @@ class ValTask:
         self.until: Until | None = None
         self.watches: dict[int, Watch] = {}
         self.seen: dict[int, bool] = {}
+        self.pending: set[int] = set()
         self.on_error = ""
         self._run_signal = 0
         self.call(program, ())
@@ -136,6 +139,18 @@ class ValTask:
         """Switch the signal that RUNSIG has named, when the program begins to run, and when it does no more."""
         if self._run_signal:
             self.machine.set_signal(self._run_signal if on else -self._run_signal)
+
+    # ----------------------------------------------------------------------------------------------------- reactions
+
+    def watch(self, number: int, watch: Watch) -> None:
+        """Have a signal call a program when it comes, at once if it is there; what was pending of it is forgotten."""
+        self.ignore(number)
+        self.watches[number], self.seen[number] = watch, False
+
+    def ignore(self, number: int) -> None:
+        """End a reaction."""
+        self.watches.pop(number, None)
+        self.pending.discard(number)
 
     # ------------------------------------------------------------------------------------------------------- calling
 

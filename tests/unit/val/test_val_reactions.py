@@ -168,3 +168,43 @@ def test_a_wrong_answer_behind_a_reaction_is_blamed_on_its_question_which_retry_
         assert run.message.startswith("program main, line 8, column 1: PROMPT: expected a number, not 'abc'")
         assert run.retry() is RunState.COMPLETED, run.message
         assert _number(run, "y") == 7.0
+
+
+PULSE = """
+.PROGRAM pulse
+TIMER 1 = 0
+WAIT TIMER(1) > 0.2
+SIGNAL 2001
+WAIT TIMER(1) > 0.4
+SIGNAL -2001
+.END
+.PROGRAM count
+n = n+1
+SIGNAL 2002
+.END
+.REALS
+n 0
+.END
+"""
+HELD_BACK = "PCEXECUTE pulse, 2", "DELAY 1"
+"""The signal has come and gone twice behind these steps."""
+
+
+@pytest.mark.parametrize(
+    ("lines", "called"),
+    [
+        (("REACT 2001, count, 5", *HELD_BACK, "x = n"), 1),
+        (("REACTI 2001, count, 5", "LOCK 5", *HELD_BACK, "x = -n", "LOCK 0", "x = n+x"), 1),
+        (("REACTI 2001, count, 5", *HELD_BACK, "x = n"), 2),
+        (("REACT 2001, count, 5", "LOCK 5", *HELD_BACK, "IGNORE 2001", "LOCK 0", "x = n"), 0),
+        (("REACT 2001, count, 5", "LOCK 5", *HELD_BACK, "REACT 2001, count, 5", "LOCK 0", "x = n"), 0),
+        (("REACT -2001, count, 5", "LOCK 5", *HELD_BACK, "x = -n", "LOCK 0", "x = n+x"), 1),
+    ],
+)
+def test_a_signal_that_came_and_went_while_its_reaction_was_held_back_counts_once(
+    lines: tuple[str, ...], called: int
+) -> None:
+    with interpreter(main_program(*lines, "LOCK 0", rest=PULSE)) as (run, _):
+        assert run.execute("main") is RunState.COMPLETED, run.message
+        assert _number(run, "x") == called
+        assert run.machine.signal_is_on(2002) == (called > 0)
