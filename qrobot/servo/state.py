@@ -122,9 +122,11 @@ class ServoState:
     power_locked: int = 0  # 1: power was taken away and has not been asked for anew
     offs_seen: int = 0
     ons_seen: int = 0
+    asked_anew: int = 0  # 1: power was asked for anew in this cycle
     power_seen: int = 0  # level of the power request at the last tick
     clears_seen: int = 0
     stops_seen: int = 0
+    stop_asked: int = 0  # 1: somebody asked for a stop in this cycle
     resumes_seen: int = 0
     resumed_until_ns: int = 0  # until then programs are told of a pause, whose end they have to hear
     powering_since_ns: int = 0
@@ -168,7 +170,6 @@ class ServoState:
     outputs: int = 0  # in force, output 1 in bit 0
     outputs_locked: int = 0  # switched off by a stop, and not let go of since
     outputs_sent: int = 0  # last ones posted
-    output_stops_seen: int = 0
     analog_powered: int = 0  # power was wanted at the last tick
     bridged: int = 0  # the knot that stands for a missing frame: 1 the newest, 2 the one before, 0 neither
     led: int = 0  # 1: the newest setpoint was led beside its place, or back to it

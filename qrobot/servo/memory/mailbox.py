@@ -13,6 +13,7 @@ import numpy as np
 from qrobot.arrays import Floats, Ints, Words
 from qrobot.config.outputs import N_OUTPUTS
 from qrobot.errors import LinkError
+from qrobot.hwif.registers import N_ENCODERS
 from qrobot.printable import printable
 from qrobot.realtime.flat_record import block_of
 from qrobot.realtime.structure import WORD_BYTES
@@ -89,10 +90,7 @@ class ServoMailbox:
         command.power = int(on)
 
     def request_power_off(self) -> None:
-        """Take arm power away after a controlled stop, against the commander's wish too: they have to ask anew.
-
-        Counters of requests have several writers here; two at once are seen as one, which is all the same.
-        """
+        """Take arm power away after a controlled stop, against the commander's wish too: they have to ask anew."""
         self.memory.command.power_offs += 1
 
     @property
@@ -134,8 +132,9 @@ class ServoMailbox:
     def request_collision(self, thresholds: Sequence[float], reaction: int, by_program: bool = False) -> None:
         """Ask for other thresholds of a collision, N m (N), 0 for the robot file's, and for what follows it."""
         command = self.memory.command
-        command.collision_thresholds[:] = 0.0
-        command.collision_thresholds[: len(thresholds)] = thresholds
+        wanted = np.zeros(N_ENCODERS)
+        wanted[: len(thresholds)] = thresholds
+        command.collision_thresholds[:] = wanted  # at once: a cycle in between would tell by the robot file's
         command.collision_reaction = reaction
         command.collision_told = int(by_program)
 
@@ -196,9 +195,10 @@ class ServoMailbox:
         """
         command = self.memory.command
         command.outputs_ns = t_ns  # first: what is new must not be locked for what was silent before
-        if let_go := int(command.outputs) & ~outputs:
-            command.outputs_let_go += [let_go >> k & 1 for k in range(N_OUTPUTS)]
+        let_go = int(command.outputs) & ~outputs
         command.outputs = outputs
+        if let_go:  # told behind the level: a lock that opens before it would switch the line on for a cycle
+            command.outputs_let_go += [let_go >> k & 1 for k in range(N_OUTPUTS)]
 
     def analog_objection(self, volts: Sequence[float]) -> str:
         """Reason for which analogue outputs cannot show these volts, NaN for none; "" when they can. Shape (8,)."""

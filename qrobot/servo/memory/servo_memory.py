@@ -1,14 +1,23 @@
 """Servo memory: the one layout through which the servo, its guardian, the bridge and the log meet, without locks.
 
-One writer per block:
+Who may write what:
 
-* info, calibration, heartbeat, the published state, the journal and the telemetry ring are written by the servo;
-* guardian is written by the guardian (its heartbeat and the takeover mark);
-* command and the setpoint queue are written by whoever commands (the bridge on behalf of the lease holder).
+* info, calibration, its results, heartbeat, the published state, the journal and the telemetry ring: the servo alone;
+* guardian: the guardian alone (its heartbeat and the takeover mark);
+* the setpoint queue: the bridge alone, for its commander;
+* command: whoever holds the arm's authority (`servo.memory.commander_lock`): the bridge for its commander, the servo's
+  own threads for an operator, `qrobot calibrate`. Without authority anybody may, through bridge or servo, ask for a
+  stop or take power away (`stops`, `power_offs`), and an operator may set override, pause and collision thresholds.
+  The servo's own process sets `shutdown`, from a signal handler too.
 
-Requests are counters: raising one asks once, however often the servo looks. Blocks with different writers share no
-cache line. `ServoFront` is what does not depend on the number of joints; the telemetry ring stands behind the rest, and
-its rows are those of `servo.memory.telemetry`.
+So a word of command may have several writers. Of a level the later one counts. What is to be done once is asked for by
+a counter: however often the servo looks, it acts once on a number that is another than the last. It reads each counter
+once in a cycle, and so remembers none that it has not acted upon. Two that raise a counter at once, which takes a load
+and a store, may be seen as one: they ask for the same. Where words belong together the methods of `ServoMailbox` tell
+which is written first; that holds by the order of stores that x86 keeps.
+
+Blocks with different writers share no cache line. `ServoFront` is what does not depend on the number of joints; the
+telemetry ring stands behind the rest, and its rows are those of `servo.memory.telemetry`.
 """
 
 from __future__ import annotations
@@ -104,7 +113,7 @@ class GuardianBlock:
 
 
 class CommandBlock:
-    """Requests of the commander."""
+    """Requests of the commander; which of them others may make stands above."""
 
     power: int = word()  # 1: they want arm power
     power_ons: int = word()  # raised whenever `power` goes up, even if it was down only for less than a cycle

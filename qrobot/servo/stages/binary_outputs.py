@@ -12,6 +12,7 @@ from qrobot.config.outputs import N_OUTPUTS
 from qrobot.hwif.operations import put_outputs
 from qrobot.hwif.registers import DISCRETE_LINES, STATUS_ESTOP_OK
 from qrobot.modecodes import Mode
+from qrobot.realtime.atomics import load_acquire
 from qrobot.realtime.jit import lean_kernel
 from qrobot.servo.parameters import ServoParameters
 from qrobot.servo.state import (
@@ -25,8 +26,7 @@ FAULTED: Final = int(Mode.FAULT)
 @lean_kernel
 def stop_stands(params: ServoParameters, state: ServoState, mail: Any, now_ns: int) -> bool:
     """The arm is being stopped, or was; its board or the emergency stop is open; or nobody commands it."""
-    asked = mail.command.stops != state.output_stops_seen or state.power_locked != 0
-    state.output_stops_seen = mail.command.stops
+    asked = state.stop_asked != 0 or state.power_locked != 0
     open_chain = state.image_ok == 0 or state.status & STATUS_ESTOP_OK == 0
     silent = now_ns - mail.command.outputs_ns > params.outputs.patience_ns or mail.command.shutdown != 0
     return bool(asked or open_chain or silent or state.mode in (STOPPING, FAULTED))
@@ -41,11 +41,12 @@ def settle_outputs(params: ServoParameters, state: ServoState, mail: Any, stoppe
     lines = params.outputs
     if lines.lines == 0:
         return
-    asked = mail.command.outputs & lines.lines
     for k in range(N_OUTPUTS):
-        if mail.command.outputs_let_go[k] != state.outputs_let_go[k]:
-            state.outputs_let_go[k] = mail.command.outputs_let_go[k]
+        let_go = load_acquire(mail.command.outputs_let_go, k)
+        if let_go != state.outputs_let_go[k]:
+            state.outputs_let_go[k] = let_go
             state.outputs_locked &= ~(1 << k)
+    asked = load_acquire(mail.command, "outputs") & lines.lines  # behind what was let go of, which is told after it
     if stopped:
         state.outputs_locked |= lines.off
     state.outputs_locked &= asked

@@ -11,6 +11,7 @@ from typing import Any, Final
 from qrobot.faultcodes import FaultCode
 from qrobot.hwif.registers import STATUS_CALIBRATED, STATUS_ESTOP_OK, STATUS_POWER
 from qrobot.modecodes import Mode
+from qrobot.realtime.atomics import load_acquire
 from qrobot.realtime.jit import lean_kernel, part_kernel
 from qrobot.servo.calibration.potentiometers import has_table, pots_judged
 from qrobot.servo.calibration.state import (
@@ -235,8 +236,9 @@ def _obey_calibration(params: ServoParameters, state: ServoState, mail: Any, sto
     Counters that are being loaded are waited for, a few cycles at rest: their new words would look like a jump.
     """
     mode = state.mode
-    asked = mail.command.calibrations != state.calibrates_seen
-    state.calibrates_seen = mail.command.calibrations
+    calibrations = load_acquire(mail.command, "calibrations")
+    asked = calibrations != state.calibrates_seen
+    state.calibrates_seen = calibrations
     if mode == CALIBRATING and stopped and state.cal.stage < LOADING:
         report_event(state, CAL_STOPPED, state.cal.joint_now)
         hold_position(state)
@@ -293,28 +295,40 @@ def _power_off(params: ServoParameters, state: ServoState, mail: Any, now_ns: in
 
 @lean_kernel
 def power_wanted(state: ServoState, mail: Any) -> int:
-    """1 while the commander wants power and nobody has taken it away since they asked for it."""
-    asked = mail.command.power != 0
-    if not asked or mail.command.power_ons != state.ons_seen:
+    """1 while the commander wants power and nobody has taken it away since they asked for it.
+
+    `asked_anew` tells whether they have asked in this cycle. What takes power away is read first: said after a request,
+    it is not seen before it.
+    """
+    power_offs = load_acquire(mail.command, "power_offs")
+    asked = load_acquire(mail.command, "power") != 0
+    power_ons = load_acquire(mail.command, "power_ons")  # behind the level, which is set after it
+    state.asked_anew = 1 if power_ons != state.ons_seen else 0
+    if not asked or state.asked_anew != 0:
         state.power_locked = 0
-    if asked and mail.command.power_offs != state.offs_seen:  # of the two in one cycle the safe one counts
+    if asked and power_offs != state.offs_seen:  # of the two in one cycle the safe one counts
         state.power_locked = 1
-    state.offs_seen = mail.command.power_offs
+    state.offs_seen, state.ons_seen = power_offs, power_ons
     return 1 if asked and state.power_locked == 0 and mail.command.shutdown == 0 else 0
 
 
 @part_kernel
 def handle_requests(params: ServoParameters, state: ServoState, mail: Any, now_ns: int) -> None:
-    """Act on what the commander asks and on what the present mode waits for."""
+    """Act on what the commander asks and on what the present mode waits for.
+
+    Every counter is read once in a cycle: what is compared is what is remembered, and nothing raised in between is
+    lost. Stops are read before what they may take back, so that one which was said after it is not seen before it.
+    """
+    stops, clears = load_acquire(mail.command, "stops"), load_acquire(mail.command, "clears")
+    stopped, cleared = stops != state.stops_seen, clears != state.clears_seen
+    state.stops_seen, state.clears_seen = stops, clears
+    state.stop_asked = 1 if stopped else 0
     power = power_wanted(state, mail)
-    asked_now = power == 1 and (state.power_seen == 0 or mail.command.power_ons != state.ons_seen)
-    cleared = mail.command.clears != state.clears_seen
-    stopped = mail.command.stops != state.stops_seen
+    asked_now = power == 1 and (state.power_seen == 0 or state.asked_anew != 0)
     if stopped and power == 1 and (state.mode == POWERING or (state.mode == OFF and asked_now)):  # to be asked for anew
         state.power_locked, power, asked_now = 1, 0, False
         report_event(state, POWER_STOPPED)
-    state.power_seen, state.ons_seen = power, mail.command.power_ons
-    state.clears_seen, state.stops_seen = mail.command.clears, mail.command.stops
+    state.power_seen = power
     _obey_calibration(params, state, mail, stopped)
     mode = state.mode
     if stopped and mode != TRACKING:  # also while stopping: a stream that waits for the end of the stop is meant too

@@ -12,6 +12,7 @@ from __future__ import annotations
 from typing import Any, Final
 
 from qrobot.modecodes import Mode
+from qrobot.realtime.atomics import load_acquire
 from qrobot.realtime.jit import lean_kernel
 from qrobot.servo.state import ServoState
 from qrobot.wire.vocabulary import LARGEST_OVERRIDE
@@ -27,11 +28,12 @@ def take_override(state: ServoState, mail: Any) -> None:
     override = command.override
     if 0.0 <= override <= LARGEST_OVERRIDE:  # not so for NaN
         state.override = override
-    if command.resumes != state.resumes_seen:
+    resumes = load_acquire(command, "resumes")
+    if resumes != state.resumes_seen:
         state.resumed_until_ns = state.t_ns + NOTICED_NS
     if state.mode == TRACKING:  # nothing waits for a word, and what is stopped later does not wait for this one
         state.resumed_until_ns = 0
-    state.resumes_seen = command.resumes
+    state.resumes_seen = resumes
     state.paused = 1 if command.paused != 0 or state.t_ns < state.resumed_until_ns else 0
     for k in range(state.program_signals.size):
         state.program_signals[k] = command.program_signals[k]
