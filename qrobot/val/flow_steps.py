@@ -116,7 +116,7 @@ def _ignore(_run: Interpreter, task: ValTask, number: tree.Expression) -> None:
 
 
 def _lock(_run: Interpreter, task: ValTask, priority: tree.Expression) -> None:
-    task.frame_now.priority = _priority(priority, task, "LOCK", 0)
+    task.priority = _priority(priority, task, "LOCK", 0)
 
 
 def _priority(expression: tree.Expression, task: ValTask, word: str, least: int) -> int:

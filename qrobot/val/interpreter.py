@@ -402,10 +402,9 @@ class Interpreter:
             if on and not task.seen[number]:
                 task.pending.add(number)
             task.seen[number] = on
-        now = task.frames[-1].priority if task.frames else 0
         for number in sorted(task.pending, key=lambda each: -task.watches[each].priority):
             watch = task.watches[number]
-            if task.frames and watch.priority > now and (watch.at_once or task.doing is None):
+            if task.frames and watch.priority > task.priority and (watch.at_once or task.doing is None):
                 task.pending.remove(number)
                 self._call_reaction(task, watch)
                 return
@@ -427,7 +426,7 @@ class Interpreter:
         told = told if task is self.task else ProgramError(f"beside: {told}")
         if task.on_error and task is self.task:
             try:
-                self._call_reaction(task, Watch(task.on_error, task.frames[-1].priority if task.frames else 0, True))
+                self._call_reaction(task, Watch(task.on_error, task.priority, True))
                 task.on_error, self.message = "", str(told)
                 return
             except ProgramError as refusal:

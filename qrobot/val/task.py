@@ -40,20 +40,20 @@ class CallFrame:
     Attributes:
         program: which one.
         pc: the step to come, from 0.
-        priority: no reaction of this priority or below interrupts it.
         bindings: the variables that its parameters stand for; those that only this call has end with it.
         loops: last value and step of each FOR under way, by its step.
         again: the FOR that its END has just led back to.
         interrupted: the caller's step that goes on afterwards, None for none.
+        priority_before: of the task that a reaction has interrupted; None for a call.
     """
 
     program: tree.ValProgram
     pc: int = 0
-    priority: int = 0
     bindings: dict[str, ValueSlot] = field(default_factory=dict)
     loops: dict[int, tuple[float, float]] = field(default_factory=dict)
     interrupted: StepUnderWay | None = None
     again: int = -1
+    priority_before: int | None = None
 
     def __post_init__(self) -> None:
         self.jumps, errors = jumps_of(self.program)
@@ -95,6 +95,7 @@ class ValTask:
         seen: whether each of these signals was there when it was looked at last.
         pending: those that have come, and whose reaction is still to be called.
         on_error: program that REACTE has named; empty for none.
+        priority: no reaction of this priority or below interrupts it.
     """
 
     def __init__(self, machine: Machine, program: str, moves: bool = True, cycles: int = 1, step: int = 0) -> None:
@@ -111,6 +112,7 @@ class ValTask:
         self.seen: dict[int, bool] = {}
         self.pending: set[int] = set()
         self.on_error = ""
+        self.priority = 0
         self._run_signal = 0
         self.call(program, ())
         if not 0 <= step <= len(self.frames[0].program.lines):
@@ -154,7 +156,7 @@ class ValTask:
 
     # ------------------------------------------------------------------------------------------------------- calling
 
-    def call(self, name: str, arguments: Sequence[tree.Expression | None], priority: int | None = None) -> None:
+    def call(self, name: str, arguments: Sequence[tree.Expression | None]) -> None:
         """Begin a program. Raises ProgramError: there is none, too many arguments, or calls too deep."""
         program = self.machine.programs.get(name)
         if program is None:
@@ -168,21 +170,25 @@ class ValTask:
         given = [*arguments, *[None] * (len(program.parameters) - len(arguments))]
         for parameter, argument in zip(program.parameters, given, strict=True):
             bindings[parameter] = self._bound(parameter, argument, own)
-        now = self.frames[-1].priority if self.frames else 0
-        self.frames.append(CallFrame(program, 0, now if priority is None else priority, bindings))
+        self.frames.append(CallFrame(program, bindings=bindings))
 
     def interrupt(self, name: str, priority: int) -> None:
-        """Call a program between steps, or in the middle of one that waits."""
-        self.call(name, (), priority)
+        """Call a program between steps, or in the middle of one that waits; the task has `priority` until its end."""
+        self.call(name, ())
+        self.frames[-1].priority_before, self.priority = self.priority, priority
         if self.doing is not None:
             self.frames[-1].interrupted = StepUnderWay(self.doing, self.until, self.at, self.last)
         self.doing = self.until = None
 
     def return_(self) -> None:
         """End the innermost call."""
-        interrupted, self.doing, self.until = self.frames.pop().interrupted, None, None
-        if interrupted is not None:
-            self.doing, self.until, self.at, self.last = interrupted
+        frame, self.doing, self.until = self.frames.pop(), None, None
+        if frame.interrupted is not None:
+            self.doing, self.until, self.at, self.last = frame.interrupted
+        if frame.priority_before is not None:
+            self.priority = frame.priority_before
+        if not self.frames:
+            self.priority = 0
 
     def _bound(self, parameter: str, argument: tree.Expression | None, own: Cells) -> ValueSlot:
         """The variable that a parameter stands for: the caller's for a variable, else one of the call's `own`."""

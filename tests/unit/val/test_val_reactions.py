@@ -208,3 +208,50 @@ def test_a_signal_that_came_and_went_while_its_reaction_was_held_back_counts_onc
         assert run.execute("main") is RunState.COMPLETED, run.message
         assert _number(run, "x") == called
         assert run.machine.signal_is_on(2002) == (called > 0)
+
+
+ENTER = """
+.PROGRAM enter
+LOCK 10
+SIGNAL 2001
+.END
+.PROGRAM leave
+LOCK 0
+.END
+.PROGRAM locks
+n = n+1
+LOCK 20
+.END
+"""
+
+
+def test_a_lock_in_a_program_that_is_called_holds_behind_its_return() -> None:
+    lines = "REACTI 2001, count, 5", "CALL enter", "x = n", "CALL leave", "y = n"
+    with interpreter(main_program(*lines, rest=ENTER + PULSE)) as (run, _):
+        assert run.execute("main") is RunState.COMPLETED, run.message
+        assert (_number(run, "x"), _number(run, "y")) == (0.0, 1.0)
+
+
+def test_a_lock_ends_with_the_cycle() -> None:
+    """The signal of the first one is pending when the second one begins."""
+    lines = "IF n == 0 THEN", "REACTI 2001, count, 5", "END", "LOCK 10", "SIGNAL 2001"
+    with interpreter(main_program(*lines, rest=PULSE)) as (run, _):
+        assert run.execute("main", cycles=2) is RunState.COMPLETED, run.message
+        assert _number(run, "n") == 1.0
+
+
+def test_the_return_of_a_reaction_restores_the_priority_before_it() -> None:
+    lines = (
+        "REACTI 2001, locks, 5",
+        "LOCK 4",
+        "SIGNAL 2001",
+        "TYPE",
+        "SIGNAL -2001",
+        "TYPE",
+        "SIGNAL 2001",
+        "TYPE",
+        "x = n",
+    )
+    with interpreter(main_program(*lines, rest=ENTER + PULSE)) as (run, _):
+        assert run.execute("main") is RunState.COMPLETED, run.message
+        assert _number(run, "x") == 2.0
