@@ -50,8 +50,10 @@ class Foreground:
 
     def __init__(self, channel: socket.socket) -> None:
         self._channel = channel
-        self._look = select.poll()
+        self._process = -1
+        self._look, self._wait = select.poll(), select.poll()
         self._look.register(channel, select.POLLRDHUP)
+        self._wait.register(channel, select.POLLIN)
 
     def greet(self) -> tuple[CallMessage, ProgramMemory]:
         """Wait for the greeting and the memory that comes with it. Raises ProgramGone, ConfigError."""
@@ -63,12 +65,33 @@ class Foreground:
             raise ConfigError("this program was compiled by another version of qrobot: compile it anew")
         return hello, ProgramMemory(files[0])
 
+    def watch(self, process: int) -> None:
+        """Take the end of a process for that of the channel, which its children may keep open.
+
+        Raises:
+            ProgramGone: it has ended.
+        """
+        try:
+            self._process = os.pidfd_open(process)
+        except ProcessLookupError as error:
+            raise ProgramGone from error
+        except OSError:  # no number of a process, or a kernel without such descriptors
+            return
+        self._look.register(self._process, select.POLLIN)
+        self._wait.register(self._process, select.POLLIN)
+
+    def has_ended(self) -> bool:
+        """True when the process that is watched has: no function of it will come back."""
+        return self._process in dict(self._look.poll(0))
+
     def send(self, message: CallMessage) -> None:
         """Raises ProgramGone when nobody is there."""
         _send(self._channel, message.encode())
 
     def receive(self) -> CallMessage:
         """Raises ProgramGone at the end."""
+        if self._channel.fileno() not in dict(self._wait.poll()):
+            raise ProgramGone
         return decode(_receive(self._channel))
 
     def listen(self) -> None:
@@ -92,6 +115,8 @@ class Foreground:
     def close(self) -> None:
         """The program goes on, or ends, without us."""
         self._channel.close()
+        if self._process >= 0:
+            os.close(self._process)
 
 
 class Background:
@@ -153,6 +178,11 @@ class Background:
             raise ProgramGone
         return _answer(self.dispatcher, message, background=True)
 
+    def end(self) -> None:
+        """The program has ended: calls raise ProgramGone, those under way too, though children may have its channel."""
+        with suppress(OSError):
+            self._channel.shutdown(socket.SHUT_RDWR)
+
     def close(self) -> None:
         """No function will be called any more."""
         self._channel.close()
@@ -193,6 +223,7 @@ def serve_descriptors(languages: Sequence[MakeDispatcher]) -> int:
 def _converse(front: Foreground, back: Background, languages: Sequence[MakeDispatcher]) -> None:
     try:
         hello, memory = front.greet()
+        front.watch(hello.refs[PROCESS])
         make = _maker(languages, hello.refs[LANGUAGE])
     except ConfigError as error:
         front.send(CallMessage(Op.ERROR, text=str(error)))
@@ -207,7 +238,8 @@ def _converse(front: Foreground, back: Background, languages: Sequence[MakeDispa
         while True:
             front.send(_answer(dispatcher, front.receive()))
     except ProgramGone:
-        pass
+        if front.has_ended():
+            back.end()
     finally:
         dispatcher.let_go()
 

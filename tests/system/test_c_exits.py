@@ -185,7 +185,11 @@ def test_a_program_that_waits_for_all_its_children_does_not_wait_for_its_engine(
     assert subprocess.run([program], check=False, timeout=FIRST_START_S).returncode == 0
 
 
-def test_a_child_that_lives_on_does_not_hide_the_crash_of_its_program(run: Run, robot, tmp_path: Path) -> None:
+@pytest.mark.parametrize("first", [False, True])
+def test_a_child_that_lives_on_does_not_hide_the_crash_of_its_program(
+    first: bool, run: Run, robot, tmp_path: Path
+) -> None:
+    born = "if (!(child = fork())) { sleep(60); _exit(0); }"
     text = f"""
     #include <unistd.h>
     int moving;
@@ -193,8 +197,9 @@ def test_a_child_that_lives_on_does_not_hide_the_crash_of_its_program(run: Run, 
     main() {{
         int child;
         FILE *file;
+        {born if first else ""}
         {MOVING}
-        if (!(child = fork())) {{ sleep(60); _exit(0); }}
+        {"" if first else born}
         fprintf(file = fopen("{tmp_path}/child", "w"), "%d", child);
         fclose(file);
         *(volatile int *) 8 = 1;
