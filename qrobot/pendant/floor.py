@@ -48,6 +48,7 @@ class PageView:
         frames: samples, oldest first.
         status_due: it has not been told of the newest changes.
         notice, notices: newest line for people at this page alone, and how many there were.
+        stops: how many times it has asked for STOP.
     """
 
     def __init__(self, number: int, wake: Callable[[], None]) -> None:
@@ -55,6 +56,7 @@ class PageView:
         self.frames: deque[bytes] = deque(maxlen=MOST_FRAMES)
         self.status_due = True
         self.notice, self.notices = "", 0
+        self.stops = 0
 
     def show(self, frame: bytes) -> None:
         """A sample to be told."""
@@ -111,7 +113,7 @@ class DriveFloor:
         """Changes, as a page is told of them."""
         page.status_due = False
         arms = [arm.status for arm in self.arms]
-        own = {"notice": page.notice, "notices": page.notices}
+        own = {"notice": page.notice, "notices": page.notices, "stops": page.stops}
         return json.dumps({"pages": len(self._pages), "arms": arms, **own})
 
     def changed(self) -> None:
@@ -151,6 +153,8 @@ class DriveFloor:
         """Do what needs no lease; False when the message is none of that."""
         match message:
             case PageStop():
+                page.stops += 1
+                page.renew()  # the page waits for it
                 self._stop_all()
             case PageTake():
                 self._take_lease(page, self._of(message))

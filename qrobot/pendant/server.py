@@ -130,3 +130,4 @@ async def _look_at_lease(floor: DriveFloor) -> None:
     while True:
         await asyncio.sleep(LEASE_LOOK_S)
         floor.look_at_lease()
+        floor.changed()  # a page that hears nothing takes the pendant for one that does not answer

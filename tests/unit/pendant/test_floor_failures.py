@@ -42,6 +42,7 @@ def test_stop_reaches_every_arm_whatever_fails_at_the_first(floor: Floor) -> Non
     floor.station.stop = fail  # type: ignore[method-assign]
     with pytest.raises(OSError, match="No space"):
         floor.says(1, do="stop")
+    assert [json.loads(floor.status(page))["stops"] for page in floor.pages] == [0, 1]  # it was read
     assert floor.asked == [(1, "stop"), (1, {"do": "stop"})]
 
 

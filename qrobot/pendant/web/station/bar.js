@@ -100,6 +100,7 @@ export function makeBar(root) {
 
   const showFault = (state, arm, status) => {
     const lines = [];
+    if (link.stopLost) lines.push(["✖ STOP HAS NOT REACHED THE PENDANT", "Press the emergency stop. Once the page is connected again, press STOP until this line goes away."]);
     if (!link.open) lines.push(["✖ The pendant does not answer", "Is `qrobot pendant` still running? This page connects again by itself."]);
     else if (status?.problem) lines.push(["✖ No arm", status.problem]);
     else if (state) {
@@ -113,7 +114,7 @@ export function makeBar(root) {
       if (!(state.flags & ESTOP_OK) && link.words.codes[state.fault]?.[0] !== "ESTOP") lines.push(["✖ Emergency stop", "It is pressed."]);
       if (!(state.flags & CALIBRATED)) lines.push(["⚠ Not calibrated", "Positions are not true: calibrate the arm before it moves."]);
     }
-    setAttribute(fault, "data-level", state && !state.fault ? "warn" : "bad");
+    setAttribute(fault, "data-level", state && !state.fault && !link.stopLost ? "warn" : "bad");
     fault.hidden = lines.length === 0;
     const text = JSON.stringify(lines);
     if (fault.dataset.text !== text) {
@@ -131,7 +132,7 @@ export function makeBar(root) {
     setText(brand, link.arms.length === 1 ? link.arms[0].facts.name : "QRobot");
     show();
   });
-  for (const name of ["status", "chosen"]) link.addEventListener(name, show);
+  for (const name of ["status", "chosen", "stop"]) link.addEventListener(name, show);
   setInterval(show, 100);
 }
 

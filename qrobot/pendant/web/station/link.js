@@ -5,6 +5,9 @@ const HEAD_BYTES = 24;
 const BEAT_MS = 50; // a button that is held is told of so often; see held_press.py
 const ALIVE_MS = 1000;
 const RETRY_MS = 500;
+const QUIET_LOOKS = 5; // of RETRY_MS without a word, which the pendant says each second at least: it does not answer
+const ANSWER_MS = 700; // a STOP is read by then
+const AGAIN_MS = 10000; // a STOP that was not read is said again for so long
 const STALE_MS = 500; // without a sample for so long the picture is old
 const KEEP = 2200; // samples, a minute at 28 ms
 
@@ -19,7 +22,11 @@ class Link extends EventTarget {
     this.open = false;
     this.press = null; // {arm, number} while a button is held
     this.presses = 0;
+    this.quiet = 0; // looks since the pendant was heard of
+    this.stops = 0; // said on this connection
+    this.unread = null; // {since, at, said}: first and newest of the STOPs that the pendant has not read; said on this connection
     this.connect();
+    setInterval(() => (this.quiet += 1) > QUIET_LOOKS && this.lose(), RETRY_MS);
     setInterval(() => this.say({ do: "alive" }), ALIVE_MS);
     setInterval(() => this.beat(), BEAT_MS);
   }
@@ -27,24 +34,42 @@ class Link extends EventTarget {
   connect() {
     const socket = new WebSocket(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/live`);
     socket.binaryType = "arraybuffer";
-    socket.onmessage = (event) => (typeof event.data === "string" ? this.hear(JSON.parse(event.data)) : this.sample(event.data));
-    socket.onclose = () => {
-      this.open = false;
-      this.press = null;
-      this.status = null;
-      this.tell("press");
-      this.tell("status");
-      setTimeout(() => this.connect(), RETRY_MS);
+    socket.onopen = () => {
+      this.stops = 0;
+      if (this.unread && performance.now() - this.unread.at < AGAIN_MS) this.sayStop();
     };
+    socket.onmessage = (event) => {
+      this.quiet = 0;
+      typeof event.data === "string" ? this.hear(JSON.parse(event.data)) : this.sample(event.data);
+    };
+    socket.onclose = () => this.lose();
     this.socket = socket;
+    this.quiet = 0;
+  }
+
+  // The connection is closed, or open and silent, as a tunnel that hangs leaves it: begin anew.
+  lose() {
+    this.socket.onopen = this.socket.onmessage = this.socket.onclose = null;
+    this.socket.close();
+    this.quiet = 0;
+    this.open = false;
+    this.press = null;
+    this.status = null;
+    if (this.unread) this.unread.said = false;
+    this.tell("press");
+    this.tell("status");
+    setTimeout(() => this.connect(), RETRY_MS);
   }
 
   tell(name) {
     this.dispatchEvent(new Event(name));
   }
 
+  // Say something if there is a connection; whether there is.
   say(message) {
-    if (this.socket.readyState === WebSocket.OPEN) this.socket.send(JSON.stringify(message));
+    const open = this.socket.readyState === WebSocket.OPEN;
+    if (open) this.socket.send(JSON.stringify(message));
+    return open;
   }
 
   hear(message) {
@@ -59,6 +84,7 @@ class Link extends EventTarget {
       this.tell(this.arms.length ? "hello" : "no arms");
     } else {
       this.status = message;
+      if (this.unread?.said && message.stops >= this.stops) this.unread = null;
       this.tell("status");
     }
   }
@@ -125,8 +151,20 @@ class Link extends EventTarget {
 
   stop() {
     this.release();
-    this.say({ do: "stop" });
+    const at = performance.now();
+    this.unread = { since: this.unread?.since ?? at, at, said: false };
+    this.sayStop();
     this.tell("stop");
+  }
+
+  sayStop() {
+    this.unread.said = this.say({ do: "stop" });
+    if (this.unread.said) this.stops += 1;
+  }
+
+  // A STOP was pressed here, and the pendant is not known to have read it.
+  get stopLost() {
+    return this.unread !== null && (!this.unread.said || performance.now() - this.unread.since > ANSWER_MS);
   }
 
   // Keep the lease although another page asks for it.
