@@ -30,6 +30,7 @@ export class JogCard {
     this.element = el("div", { class: "card" }, el("div", { class: "options" }, ...labels), this.told);
     this.onAxes = onAxes;
     this.known = "";
+    this.taught = {};
     this.axes.addEventListener("change", () => this.show());
     for (const name of ["status", "chosen"]) link.addEventListener(name, () => this.renew());
     setInterval(() => setText(this.told, this.reason()), 200);
@@ -63,10 +64,12 @@ export class JogCard {
 
   // The places that were taught may have changed; one that has gone is chosen no longer.
   renew() {
-    const taught = link.armStatus?.taught ?? {};
+    if (!link.armStatus) return; // a short loss of the connection takes no choice away
+    const { taught } = link.armStatus;
     const now = JSON.stringify([link.chosen, taught]);
     if (now === this.known) return;
     this.known = now;
+    this.taught = taught;
     const chosen = this.axes.value;
     this.axes.replaceChildren(...[...FIXED, ...Object.keys(taught).map((name) => [PLACE + name, `axes of ${name}`])].map(option));
     this.axes.value = chosen;
@@ -78,7 +81,7 @@ export class JogCard {
   }
 
   show() {
-    const numbers = (link.armStatus?.taught ?? {})[this.place];
+    const numbers = this.taught[this.place];
     setAttribute(this.axes, "data-on", Boolean(numbers));
     this.onAxes(numbers ? frameOf(numbers) : null);
   }

@@ -19,13 +19,23 @@ export function makeTeach(root) {
     el("section", { class: "card" }, el("h2", {}, "Record"), record, el("p", { class: "hint" }, "Only the page that drives records and edits. Programs read the file by DataBase(path).get(name).")),
     el("section", { class: "card" }, el("h2", {}, "Places"), el("p", { class: "hint" }, "Hold Go: all joints move together, slowly; let go to stop."), list),
   );
-  let known = "", edited = "";
+  let known = "", edited = "", open = { of: "", form: null }; // the editor, and which numbers of which arm it began with
   const show = () => {
-    const { places = [], taught = {} } = link.armStatus ?? {};
-    const now = JSON.stringify([places, taught, edited]);
+    if (!link.armStatus) return; // a short loss of the connection takes nothing away
+    const { places, taught } = link.armStatus;
+    const now = JSON.stringify([link.chosen, places, taught, edited]);
     if (known === now) return;
     known = now;
-    list.replaceChildren(...places.flatMap((place) => row(place, taught[place])));
+    const of = JSON.stringify([link.chosen, edited, taught[edited]]);
+    if (open.of !== of) open = { of, form: taught[edited] ? editor(edited, taught[edited]) : null };
+    fill(places.flatMap((place) => row(place, taught[place])), open.form);
+  };
+  // Show these rows; `kept`, one of them, stays where it is, with what is being typed into it.
+  const fill = (rows, kept) => {
+    for (const each of [...list.children]) if (each !== kept) each.remove();
+    if (kept?.parentNode !== list) return list.append(...rows);
+    kept.before(...rows.slice(0, rows.indexOf(kept)));
+    kept.after(...rows.slice(rows.indexOf(kept) + 1));
   };
   const edit = (place) => ((edited = place), show());
 
@@ -33,21 +43,27 @@ export function makeTeach(root) {
     const goes = holdButton("Go", `to ${place}`, () => ({ target: "place", name: place, share: 1 }));
     const told = numbers ? numbers.map((number) => number.toFixed(1)).join("  ") : "pose of the robot";
     const line = el("div", { class: "row" }, el("span", { class: "middle" }, place, el("small", { class: "numbers" }, told)), numbers ? el("button", { class: "edit", "aria-label": `edit ${place}`, onclick: () => edit(edited === place ? "" : place) }, "Edit") : null, goes);
-    return numbers && edited === place ? [line, editor(place, numbers)] : [line];
+    return numbers && edited === place ? [line, open.form] : [line];
   }
 
   function editor(place, numbers) {
+    const arm = link.chosen; // whose place it is
+    const ask = (message) => {
+      if (!link.open) return; // it would be lost, and what was typed with it
+      link.say({ arm, ...message });
+      edit("");
+    };
     const title = el("input", { "aria-label": "name", value: place, ...NAME });
     const cells = numbers.map((number, k) => el("input", { type: "number", step: "any", required: true, value: String(number), "aria-label": `${NUMBERS[k][0]}, ${NUMBERS[k][1]}` }));
-    const remove = el("button", { type: "button", onclick: () => (remove.dataset.on === undefined ? ((remove.dataset.on = ""), (remove.textContent = "Really delete")) : (link.say({ do: "remove", arm: link.chosen, name: place }), edit(""))) }, "Delete");
+    const remove = el("button", { type: "button", onclick: () => (remove.dataset.on === undefined ? ((remove.dataset.on = ""), (remove.textContent = "Really delete")) : ask({ do: "remove", name: place })) }, "Delete");
     const form = el("form", { class: "place-editor" }, el("label", {}, "name ", title), ...cells.map((cell, k) => el("label", {}, `${NUMBERS[k].join(", ")} `, cell)), el("div", { class: "buttons" }, el("button", {}, "Save"), el("button", { type: "button", onclick: () => edit("") }, "Cancel"), remove));
     form.addEventListener("submit", (event) => {
       event.preventDefault();
-      link.say({ do: "place", arm: link.chosen, name: title.value, numbers: cells.map((cell) => Number(cell.value)), instead: place });
-      edit("");
+      ask({ do: "place", name: title.value, numbers: cells.map((cell) => Number(cell.value)), instead: place });
     });
     return form;
   }
 
-  for (const event of ["status", "chosen"]) link.addEventListener(event, show);
+  link.addEventListener("status", show);
+  link.addEventListener("chosen", () => edit(""));
 }

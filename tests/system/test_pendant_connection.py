@@ -1,0 +1,74 @@
+"""A page of the pendant whose connection is lost for a while: STOP, and what is being chosen and typed."""
+
+from __future__ import annotations
+
+import pytest
+from selenium.webdriver.common.keys import Keys
+
+from tests.support.browser import Page, open_browser
+from tests.support.patience import wait_until
+from tests.support.relay import Relay
+from tests.system.test_pendant import Pendant, choose_arm, pendant
+
+__all__ = ["pendant"]  # the fixture
+
+pytestmark = pytest.mark.realtime
+
+NUMBERS = [400.0, 0.0, 0.0, 90.0, 0.0, 0.0]
+CELL = ".place-editor input[type=number]"
+LOST = "STOP HAS NOT REACHED THE PENDANT"
+
+
+def take_the_lease(page: Page) -> None:
+    page.click("drive")
+    wait_until(lambda: page.run("return pendant.driving"), "this page drives")
+
+
+def record(page: Page, name: str) -> None:
+    page.run("pendant.say({do: 'place', arm: 0, name: arguments[0], numbers: arguments[1]})", name, NUMBERS)
+    wait_until(lambda: page.run("return arguments[0] in (pendant.armStatus?.taught ?? {})", name), "it is recorded")
+
+
+def lose_the_connection(page: Page) -> None:
+    page.run("pendant.socket.close()")
+    wait_until(lambda: not page.run("return pendant.open"), "it is lost")
+    wait_until(lambda: page.run("return pendant.open && pendant.armStatus !== null"), "the page is back")
+
+
+def test_an_editor_of_a_place_and_the_axes_stay_through_a_loss_and_go_with_the_arm(pendant: Pendant) -> None:
+    with open_browser() as driver:
+        page = Page(driver, pendant.address)
+        take_the_lease(page)
+        record(page, "FIXTURE")
+        assert page.choose_option("jog-axes", "at FIXTURE")
+        page.click("tab-teach")
+        page.click_at('[aria-label="edit FIXTURE"]')
+        page.run(f"const cell = document.querySelector('{CELL}'); cell.value = '123'; cell.focus()")
+        lose_the_connection(page)
+        take_the_lease(page)
+        record(page, "ANOTHER")
+        assert page.run(f"return document.querySelector('{CELL}') === document.activeElement")
+        assert page.run("return document.activeElement.value") == "123"
+        assert page.run("return document.getElementById('jog-axes').value") == "at FIXTURE"
+        choose_arm(page, 1)
+        assert page.run(f"return document.querySelector('{CELL}') === null")
+        for name in ("FIXTURE", "ANOTHER"):
+            page.run("pendant.say({do: 'remove', arm: 0, name: arguments[0]})", name)
+
+
+def test_a_stop_that_does_not_reach_the_pendant_is_told_and_said_again(pendant: Pendant) -> None:
+    host, port = pendant.host.split(":")
+    with Relay((host, int(port))) as relay, open_browser() as driver:
+        page = Page(driver, pendant.address_by(relay))
+        page.type(Keys.ESCAPE)
+        wait_until(lambda: page.run("return pendant.status.stops === 1 && pendant.unread === null"), "it was read")
+        assert not page.shows("#fault", LOST)
+        relay.cut = True  # both ends stay open: nobody is told
+        page.type(Keys.ESCAPE)
+        wait_until(lambda: page.shows("#fault", LOST), "it is told")
+        wait_until(lambda: page.shows("#fault", "The pendant does not answer"), "silence is no connection")
+        assert page.shows("#driver", "no pendant")
+        page.type(Keys.ESCAPE)
+        relay.mend()
+        wait_until(lambda: page.run("return pendant.status?.stops === 1"), "it is said again")
+        wait_until(lambda: not page.shows("#fault", LOST), "it was read")
