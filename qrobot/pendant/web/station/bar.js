@@ -101,7 +101,7 @@ export function makeBar(root) {
   const showFault = (state, arm, status) => {
     const lines = [];
     if (link.stopLost) lines.push(["✖ STOP HAS NOT REACHED THE PENDANT", "Press the emergency stop. Once the page is connected again, press STOP until this line goes away."]);
-    if (!link.open) lines.push(["✖ The pendant does not answer", "Is `qrobot pendant` still running? This page connects again by itself."]);
+    if (!link.open) lines.push(["✖ The pendant does not answer", "Is `qrobot pendant` still running? This page connects again by itself; if it was started anew, open the address that it prints."]);
     else if (status?.problem) lines.push(["✖ No arm", status.problem]);
     else if (state) {
       const code = state.fault || state.event, waits = Boolean(state.flags & PATH_WAITS);
