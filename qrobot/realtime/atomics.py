@@ -1,4 +1,4 @@
-"""Acquire loads, release stores and fences on int64 words, for memory shared between threads and processes.
+"""Acquire loads, release stores, undivided steps and fences on int64 words of several threads and processes.
 
 A word is an element of an array, `load_acquire(words, 3)`, or a field of a record, `load_acquire(lane, "head")`.
 
@@ -35,6 +35,10 @@ if jit_disabled():
             setattr(place, key, value)
         else:
             place[key] = value
+
+    def raise_by_one(place: Any, key: int | str) -> None:
+        """Raise `place[key]` by one, in one step; no earlier write moves after it."""
+        store_release(place, key, load_acquire(place, key) + 1)
 
     def acquire_fence() -> None:
         """No access after it moves before a read that stands before it; nothing to do for one interpreter thread."""
@@ -89,6 +93,18 @@ else:
 
         key_type = _key_type(place, key)
         return None if key_type is None else (types.void(place, key_type, types.int64), codegen)
+
+    @intrinsic(prefer_literal=True)  # type: ignore[untyped-decorator]
+    def raise_by_one(typing_context: Any, place: Any, key: Any) -> Any:
+        """Raise `place[key]` by one, in one step; no earlier write moves after it."""
+
+        def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+            pointer = _pointer_to(context, builder, signature, args[0], args[1])
+            builder.atomic_rmw("add", pointer, ir.Constant(ir.IntType(64), 1), "release")
+            return context.get_dummy_value()
+
+        key_type = _key_type(place, key)
+        return None if key_type is None else (types.void(place, key_type), codegen)
 
     @intrinsic  # type: ignore[untyped-decorator]
     def exchange(typing_context: Any, array: Any, index: Any, value: Any) -> Any:

@@ -6,6 +6,7 @@ import math
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import Final
 
 import numpy as np
@@ -15,16 +16,30 @@ from qrobot.config.outputs import N_OUTPUTS
 from qrobot.errors import LinkError
 from qrobot.hwif.registers import N_ENCODERS
 from qrobot.printable import printable
+from qrobot.realtime.atomics import raise_by_one
 from qrobot.realtime.flat_record import block_of
-from qrobot.realtime.structure import WORD_BYTES
+from qrobot.realtime.jit import lean_kernel
+from qrobot.realtime.structure import WORD_BYTES, offset_of
 from qrobot.servo.memory.published_state import ServoSnapshot, read_state, snapshot_of, state_dtype
-from qrobot.servo.memory.servo_memory import servo_info, servo_record, telemetry_ring
+from qrobot.servo.memory.servo_memory import FRONT, servo_info, servo_record, telemetry_ring
 from qrobot.servo.memory.setpoint_queue import make_frame, push_block
 from qrobot.wire import Payload
 
 _READ_TRIES: Final = 20
 WAITING_NS: Final = 500_000_000  # what a program said so long ago of its path does not count: it is gone [A]
 _READ_PAUSE_S: Final = 0.001
+
+
+@lean_kernel
+def raise_word(words: Words, place: int) -> None:
+    """Raise a word of the memory by one, whoever raises it beside us."""
+    raise_by_one(words, place)
+
+
+@cache
+def _place_of(counter: str) -> int:
+    """The word at which a counter of the block of commands stands."""
+    return offset_of(FRONT, f"command.{counter}") // WORD_BYTES
 
 
 @dataclass(frozen=True)
@@ -63,6 +78,7 @@ class ServoMailbox:
         self._frame = make_frame(n)
         self._block, self._frame_block = block_of(self.memory), block_of(self._frame)
         self._state_words = state_dtype(n).itemsize // WORD_BYTES
+        raise_word(np.zeros(1, np.int64), 0)  # compiles, or loads, what a stop must not wait for
 
     def push_setpoint(
         self, stream: int, seq: int, t_ns: int, period_ns: int, modes: Sequence[int], values: Sequence[float]
@@ -86,12 +102,12 @@ class ServoMailbox:
         """Ask for arm power, or for a controlled stop and power off."""
         command = self.memory.command
         if on and command.power == 0:
-            command.power_ons += 1  # first: with the level alone the request would be one that stood already
+            self._raise("power_ons")  # first: with the level alone the request would be one that stood already
         command.power = int(on)
 
     def request_power_off(self) -> None:
         """Take arm power away after a controlled stop, against the commander's wish too: they have to ask anew."""
-        self.memory.command.power_offs += 1
+        self._raise("power_offs")
 
     @property
     def halts(self) -> tuple[int, int]:
@@ -110,7 +126,7 @@ class ServoMailbox:
         """End the pause; where there is none let programs hear of one that ends, see `servo.stages.override`."""
         command = self.memory.command
         if command.paused == 0:
-            command.resumes += 1
+            self._raise("resumes")
         command.paused = 0
 
     def tell_path_waits(self, t_ns: int) -> None:
@@ -127,7 +143,7 @@ class ServoMailbox:
         command = self.memory.command
         command.payload_mass = payload.mass
         command.payload_centre[:], command.payload_inertia[:] = payload.centre, payload.inertia
-        command.payloads += 1  # last: what is read after it is whole
+        self._raise("payloads")  # last: what is read after it is whole
 
     def request_collision(self, thresholds: Sequence[float], reaction: int, by_program: bool = False) -> None:
         """Ask for other thresholds of a collision, N m (N), 0 for the robot file's, and for what follows it."""
@@ -151,7 +167,7 @@ class ServoMailbox:
         """Names of the program's numbers from now on, in their order."""
         command = self.memory.command
         command.signal_names = " ".join(names).encode()
-        command.names_told += 1
+        self._raise("names_told")
 
     def signal_names(self) -> tuple[str, ...]:
         """Names of the program's numbers."""
@@ -159,17 +175,17 @@ class ServoMailbox:
 
     def request_clear(self) -> None:
         """Ask to leave FAULT for OFF; refused while the cause persists."""
-        self.memory.command.clears += 1
+        self._raise("clears")
 
     def request_stop(self) -> None:
         """Ask for a category 2 stop on the path."""
-        self.memory.command.stops += 1
+        self._raise("stops")
 
     def request_calibration(self, indexes: int = 0) -> None:
         """Ask an uncalibrated, powered arm to calibrate itself over so many index pulses a joint; 0: the default."""
         command = self.memory.command
         command.indexes = indexes
-        command.calibrations += 1
+        self._raise("calibrations")
 
     def calibration(self) -> CalibrationProgress:
         """Progress and results of a calibration."""
@@ -197,8 +213,9 @@ class ServoMailbox:
         command.outputs_ns = t_ns  # first: what is new must not be locked for what was silent before
         let_go = int(command.outputs) & ~outputs
         command.outputs = outputs
-        if let_go:  # told behind the level: a lock that opens before it would switch the line on for a cycle
-            command.outputs_let_go += [let_go >> k & 1 for k in range(N_OUTPUTS)]
+        for k in range(N_OUTPUTS):  # told behind the level: a lock that opens before it would switch the line on
+            if let_go >> k & 1:
+                self._raise("outputs_let_go", k)
 
     def analog_objection(self, volts: Sequence[float]) -> str:
         """Reason for which analogue outputs cannot show these volts, NaN for none; "" when they can. Shape (8,)."""
@@ -219,7 +236,11 @@ class ServoMailbox:
         for k, asked in enumerate(volts):
             if not math.isnan(asked):
                 command.analog_volts[k] = asked
-                command.analog_told[k] += 1  # last: what is read after it is whole
+                self._raise("analog_told", k)  # last: what is read after it is whole
+
+    def _raise(self, counter: str, k: int = 0) -> None:
+        """Raise a counter of the block of commands, or element `k` of it."""
+        raise_word(self.words, _place_of(counter) + k)
 
     def snapshot(self) -> ServoSnapshot:
         """Newest state, for any thread. Raises LinkError when the servo died while writing it."""

@@ -12,9 +12,9 @@ Who may write what:
 
 So a word of command may have several writers. Of a level the later one counts. What is to be done once is asked for by
 a counter: however often the servo looks, it acts once on a number that is another than the last. It reads each counter
-once in a cycle, and so remembers none that it has not acted upon. Two that raise a counter at once, which takes a load
-and a store, may be seen as one: they ask for the same. Where words belong together the methods of `ServoMailbox` tell
-which is written first; that holds by the order of stores that x86 keeps.
+once in a cycle, and so remembers none that it has not acted upon. Counters are raised in one undivided step, so that
+two who ask at once are both counted (`realtime.atomics.raise_by_one`). Where words belong together the methods of
+`ServoMailbox` tell which is written first; that holds by the order of stores that x86 keeps.
 
 Blocks with different writers share no cache line. `ServoFront` is what does not depend on the number of joints; the
 telemetry ring stands behind the rest, and its rows are those of `servo.memory.telemetry`.

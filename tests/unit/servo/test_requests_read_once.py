@@ -77,10 +77,9 @@ def test_every_stop_that_is_seen_is_obeyed_beside_a_thread_that_asks_for_them() 
 
 def raised_counters() -> set[str]:
     """The fields of the block of commands that its mailbox raises."""
-    tree = ast.parse(Path(mailbox.__file__).read_text())
-    targets = (node.target for node in ast.walk(tree) if isinstance(node, ast.AugAssign))
-    fields = (target.value if isinstance(target, ast.Subscript) else target for target in targets)
-    return {field.attr for field in fields if isinstance(field, ast.Attribute)}
+    calls = (node for node in ast.walk(ast.parse(Path(mailbox.__file__).read_text())) if isinstance(node, ast.Call))
+    raised = (call.args[0] for call in calls if isinstance(call.func, ast.Attribute) and call.func.attr == "_raise")
+    return {str(name.value) for name in raised if isinstance(name, ast.Constant)}
 
 
 def is_command(node: ast.AST) -> bool:
