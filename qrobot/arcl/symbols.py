@@ -10,8 +10,8 @@ from typing import Final
 
 from qrobot.arcl.trans import CONST, Trans, new_trans_value, trans_assign
 from qrobot.errors import ConfigError, MotionError
-from qrobot.model.transform_file import TransformFile
 from qrobot.motion import TransformKind, Trsf
+from qrobot.transform_file import TransformFile
 
 _table: Final[dict[str, Trans]] = {}
 

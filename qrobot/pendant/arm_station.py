@@ -236,6 +236,7 @@ class ArmStation:
         self.board.close()
         self.worker.close()
         self.worker.wait(LEAVE_S)
+        self.places.close()
 
     def record(self, name: str) -> None:
         """Put where the arm is under a name into the file of places; told when it cannot be."""

@@ -1,9 +1,15 @@
-"""Places by name at the pendant: recorded, put in by their numbers, struck out. What cannot be done is told."""
+"""Places by name at the pendant: recorded, put in by their numbers, struck out. What cannot be done is told.
+
+A change waits for the disk, and for others that write the file, so it is made in a thread: pages say STOP meanwhile.
+"""
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 
@@ -11,9 +17,11 @@ from qrobot.arrays import Floats
 from qrobot.errors import ConfigError, QRobotError
 from qrobot.model.orientation import rpy_angles
 from qrobot.model.transform import rpy, transform
-from qrobot.model.transform_file import TransformFile
 from qrobot.pendant.messages import PagePlace
+from qrobot.transform_file import TransformFile
 from qrobot.units import DEG_PER_RAD, M_PER_MM, MM_PER_M, RAD_PER_DEG
+
+_log: Final = logging.getLogger(__name__)
 
 
 class TaughtPlaces:
@@ -22,13 +30,18 @@ class TaughtPlaces:
     Args:
         path: of the file, as `qrobot teach` has it.
         poses: names of the robot's own poses, which no place may have.
-        tell: takes a line for people.
+        tell: takes a line for people, from any thread.
     """
 
     def __init__(self, path: Path, poses: tuple[str, ...], tell: Callable[[str], None]) -> None:
         self._path, self._poses, self._tell = path, poses, tell
         self._seen: tuple[int, ...] | None = None
         self._numbers: dict[str, list[float]] = {}
+        self._changes = ThreadPoolExecutor(1, thread_name_prefix="pendant-places")  # one after the other
+
+    def close(self) -> None:
+        """Wait until everything that was asked for is done or refused; nothing may be asked for afterwards."""
+        self._changes.shutdown()
 
     def numbers(self) -> dict[str, list[float]]:
         """x, y, z in mm and roll, pitch, yaw in degrees, by name; empty when the file cannot be read.
@@ -54,7 +67,7 @@ class TaughtPlaces:
         return (stat.st_mtime_ns, stat.st_ctime_ns, stat.st_size, stat.st_ino)
 
     def record(self, name: str, pose: Floats) -> None:
-        """Put a pose, shape (4, 4), m, under a name."""
+        """Put a pose, shape (4, 4), m, under a name; returns at once, as all that changes the file does."""
         self._change(lambda file: file.write(self._free(name), pose), f"recorded {name} in {self._path}")
 
     def remove(self, name: str) -> None:
@@ -82,11 +95,17 @@ class TaughtPlaces:
         return name
 
     def _change(self, change: Callable[[TransformFile], None], done: str) -> None:
+        self._changes.submit(self._change_now, change, done)
+
+    def _change_now(self, change: Callable[[TransformFile], None], done: str) -> None:
         try:
             change(TransformFile(self._path))
             self._tell(done)
         except QRobotError as error:
             self._tell(f"not recorded: {error}")
+        except Exception as error:  # nobody asks the thread how it went
+            _log.exception("a change of %s failed", self._path)
+            self._tell(f"not recorded: {type(error).__name__}")
 
 
 def _numbers(pose: Floats) -> list[float]:

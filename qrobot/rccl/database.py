@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from qrobot.errors import ConfigError
-from qrobot.model.transform_file import TransformFile
 from qrobot.motion import Trsf
 from qrobot.rccl.transforms import Transform, assigntr, newtrans, varb
+from qrobot.transform_file import TransformFile
 
 
 class DataBase(TransformFile):

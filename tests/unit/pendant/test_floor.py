@@ -14,13 +14,13 @@ from qrobot.config.deployment import load_deployment
 from qrobot.config.start_place import start_text
 from qrobot.errors import MotionError, RemoteProtocolError
 from qrobot.model.arm import Arm
-from qrobot.model.transform_file import TransformFile
 from qrobot.pendant.arm_station import ArmStation, close_all
 from qrobot.pendant.floor import DriveFloor
 from qrobot.pendant.frames import HEAD, STATE_FRAME
 from qrobot.pendant.lease import ANSWER_S, SILENCE_S
 from qrobot.pendant.messages import decode_message
 from qrobot.pendant.program_messages import PageProgramStart
+from qrobot.transform_file import TransformFile
 from qrobot.wire import RobotState, State
 from tests.support.puma import ROBOT
 
@@ -51,6 +51,7 @@ class Floor(DriveFloor):
         station.requests.stop = lambda _: ask("stop")  # type: ignore[method-assign]
         station.requests.act = ask  # type: ignore[method-assign]
         station.requests.power_off = lambda _: ask("power off")  # type: ignore[method-assign]
+        station.places._changes.submit = lambda change, *how: change(*how)  # type: ignore[method-assign, assignment]
         station.watch.problem = ""
         return station
 

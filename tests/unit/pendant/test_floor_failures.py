@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import fcntl
 import json
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from qrobot import transform_file
 from qrobot.pendant.lease import SILENCE_S
 from qrobot.pendant.live_socket import _obey
+from qrobot.transform_file import TransformFile
 from qrobot.wire import RobotState, State
+from tests.support.patience import give_time
 from tests.unit.pendant.test_floor import Floor, Q
 
 FULL = OSError(28, "No space left on device")
@@ -62,3 +66,20 @@ def test_no_place_is_recorded_of_an_arm_whose_counters_are_not_true(tmp_path: Pa
     floor.says(0, do="record", arm=0, name="HERE")
     assert "not calibrated" in floor.station.status["notice"]
     assert not (tmp_path / "t.db").exists()
+
+
+def test_stop_is_heard_while_another_program_writes_the_file_of_places(
+    floor: Floor, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(transform_file, "_rest", give_time)
+    places, file = floor.station.places, TransformFile(tmp_path / "t.db")
+    del places._changes.submit  # which does it at once for other tests
+    place = {"do": "place", "arm": 0, "numbers": [500, 0, 300, 0, 180, 45]}
+    with (tmp_path / "t.db.lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        for name in ("A", "B"):
+            assert floor.says(0, **place, name=name) == []
+        assert "stop" in floor.says(1, do="stop")
+        assert file.names() == []
+    places.close()
+    assert file.names() == ["A", "B"]

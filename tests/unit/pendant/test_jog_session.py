@@ -15,13 +15,13 @@ from qrobot.fences.fence_set import FenceSet
 from qrobot.fences.in_force import use_fences
 from qrobot.model.arm import Arm
 from qrobot.model.transform import rpy, transform
-from qrobot.model.transform_file import TransformFile
 from qrobot.pendant.held_press import BEAT_S, PATIENCE_S, Press
 from qrobot.pendant.jog_session import PERIOD_MS, JogSession
 from qrobot.rccl.channel import Channel
 from qrobot.rccl.held_motion import BRAKE_MS, JOINT_RAD_S, MARGIN
 from qrobot.rccl.offline import OfflineLink
 from qrobot.servo.speed_share import speed_share
+from qrobot.transform_file import TransformFile
 from qrobot.wire import Command, Hello, RobotFlag, State
 from tests.support.puma import PARK, ROBOT
 

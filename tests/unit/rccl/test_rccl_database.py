@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import fcntl
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -9,9 +10,11 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from qrobot import transform_file
 from qrobot.errors import ConfigError
 from qrobot.rccl import gentr_rpy, gentr_trsl, hold, newtrans, trsl
 from qrobot.rccl.database import DataBase
+from tests.support.patience import give_time
 
 COORDINATE = st.floats(-2000, 2000)
 ANGLE = st.floats(-180, 180)
@@ -85,8 +88,9 @@ def test_what_is_not_there_or_has_no_name_is_told(file, deed, words) -> None:
         deed(DataBase(file))
 
 
-def test_of_two_programs_that_record_at_the_same_time_neither_loses_the_others(file) -> None:
+def test_of_two_programs_that_record_at_the_same_time_neither_loses_the_others(file, monkeypatch) -> None:
     """Each with a lock and a file of its own, as two processes have them."""
+    monkeypatch.setattr(transform_file, "_rest", give_time)
 
     def program(name: str) -> None:
         for i in range(25):
@@ -108,3 +112,16 @@ def test_a_name_that_stands_there_twice_is_told_and_nothing_is_written(file) -> 
         with pytest.raises(ConfigError, match=r"world\.tr, line 3: 'A' stands in a line before it"):
             use()
     assert file.read_text() == text
+
+
+def test_a_program_that_keeps_the_file_locked_is_told_of_and_the_file_stays_as_it_was(file, monkeypatch) -> None:
+    DataBase(file).record(gentr_rpy("ONE", 1, 2, 3, 0, 0, 0))
+    before = file.read_text()
+    monkeypatch.setattr(transform_file, "PATIENCE_S", 0.0)
+    with file.with_name(file.name + ".lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        with pytest.raises(ConfigError, match=r"another program has kept .*world\.tr\.lock locked"):
+            DataBase(file).record(gentr_rpy("TWO", 1, 2, 3, 0, 0, 0))
+    assert file.read_text() == before
+    DataBase(file).record(gentr_rpy("TWO", 1, 2, 3, 0, 0, 0))
+    assert set(DataBase(file).names()) == {"ONE", "TWO"}

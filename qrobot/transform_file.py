@@ -13,10 +13,11 @@ from __future__ import annotations
 
 import fcntl
 import os
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Final
+from typing import IO, Final
 
 import numpy as np
 
@@ -28,6 +29,8 @@ from qrobot.units import DEG_PER_RAD, M_PER_MM, MM_PER_M, RAD_PER_DEG
 from qrobot.whole_file import replace_file
 
 _COLUMNS: Final = ("x", "y", "z", "roll", "pitch", "yaw")
+PATIENCE_S: Final = 5.0  # with somebody else who writes the file, which takes a second on a slow disk
+_LOOK_S: Final = 0.02
 HEADING: Final = "# name         " + " ".join(f"{column:>12}" for column in _COLUMNS)
 
 
@@ -69,7 +72,8 @@ class TransformFile:
         """Put a pose, shape (4, 4), m, under a name; one of the same name is replaced.
 
         Raises:
-            ConfigError: the name cannot stand in the file, or the file cannot be read or written.
+            ConfigError: the name cannot stand in the file, the file cannot be read or written, or another program has
+                kept it locked for `PATIENCE_S`.
         """
         self.write_all({name: value})
 
@@ -124,9 +128,29 @@ class TransformFile:
     @contextmanager
     def _lock(self) -> Iterator[None]:
         """One writer at a time; the kernel takes the lock from a program that dies."""
-        with self._path.with_name(self._path.name + ".lock").open("w") as file:
-            fcntl.flock(file, fcntl.LOCK_EX)
+        place = self._path.with_name(self._path.name + ".lock")
+        with place.open("w") as file:
+            looks = round(PATIENCE_S / _LOOK_S)
+            while not _lock_now(file):
+                if not looks:
+                    raise ConfigError(f"another program has kept {place} locked for {PATIENCE_S:g} s: is one halted?")
+                looks -= 1
+                _rest()
             yield
+
+
+def _lock_now(file: IO[str]) -> bool:
+    """Lock a file until it is closed; False while another program has it. Raises OSError."""
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    return True
+
+
+def _rest() -> None:
+    """Wait for the next look at a lock that another program has."""
+    time.sleep(_LOOK_S)
 
 
 def _with_line(lines: list[str], name: str, line: str) -> list[str]:
