@@ -189,7 +189,7 @@ def test_a_program_that_waits_for_all_its_children_does_not_wait_for_its_engine(
 def test_a_child_that_lives_on_does_not_hide_the_crash_of_its_program(
     first: bool, run: Run, robot, tmp_path: Path
 ) -> None:
-    born = "if (!(child = fork())) { sleep(60); _exit(0); }"
+    born = "if (!(child = fork())) { sleep(1000); _exit(0); }"
     text = f"""
     #include <unistd.h>
     int moving;

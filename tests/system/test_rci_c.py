@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 import os
 import re
+import select
+import signal
 import subprocess
 from collections.abc import Callable
 from functools import partial
@@ -471,6 +473,28 @@ def test_an_arm_that_brakes_and_loses_its_power_is_asked_for_it_in_c_too(turns: 
     with rci.use(partial(VirtualLink, transfer=robot.transfer)):
         assert run_executable(turns) == 0
     assert robot.seq > LATE
+
+
+def test_a_signal_ends_a_program_that_waits_for_an_emulated_arm(make: Make, tmp_path: Path) -> None:
+    source, noted = tmp_path / "noted.c", tmp_path / "process"
+    note = 'FILE *file = fopen(words[1], "w");\n    if (n < 2 || fprintf(file, "%d", getpid()) < 0 || fclose(file))'
+    text = TURN.replace("main(void)\n{", f"main(int n, char **words)\n{{\n    {note}\n        return 9;")
+    source.write_text(f"#include <stdio.h>\n#include <unistd.h>\n{text}")
+    robot, seen = FakeRobot(tuple(PARK)), []
+
+    def transfer(data: bytes) -> bytes:
+        if robot.seq < 8 or seen:
+            return robot.transfer(data)
+        process = os.pidfd_open(int(noted.read_text()))
+        signal.pidfd_send_signal(process, signal.SIGTERM)
+        seen.append(select.select([process], [], [], PATIENCE_S)[0])  # it ends while it waits for this sample
+        os.close(process)
+        return robot.transfer(data)
+
+    with rci.use(partial(VirtualLink, transfer=transfer)):
+        assert run_executable(make(source, flags=STRICT[1:]), [str(noted)]) == 128 + signal.SIGTERM
+    assert len(seen) == 1
+    assert seen[0]
 
 
 def test_power_that_somebody_stopped_is_not_asked_for_anew_in_c_either(

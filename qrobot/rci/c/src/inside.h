@@ -119,7 +119,7 @@ int64_t rci_time_of(int64_t tick);
 int64_t rci_entry_first(const struct clock_entry *entry, int64_t after);
 long rci_entry_take(struct clock_entry *entry, int64_t tick);
 
-/* runner.c: the lock is held, and let go while a function of the program runs */
+/* runner.c: the lock is held, and let go while a function of the program runs, or on virtual time a robot is awaited */
 void rci_end_task(RCI_TASK *td, const char *format, ...) __attribute__((format(printf, 2, 3)));
 int rci_wake_tasks(struct processor *processor, int64_t tick);
 int rci_run_tasks(struct seat *seat);

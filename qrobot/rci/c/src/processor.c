@@ -114,11 +114,15 @@ static int hear_in_virtual_time(RCI_TASK *td)
 {
     struct rci_inside *in = td->inside;
     struct cycle *c = &in->cycle;
+    int status;
 
     if (rci_program.now_ns < in->next_ns)
         return 0;
     in->next_ns += in->link->period_us * INT64_C(1000);
-    return qrobot_exchange(in->link, c->has_state ? &c->command : NULL, &c->state) == QROBOT_OK ? 1 : -1;
+    rci_unlock(); /* an emulated arm may take long: signals come meanwhile */
+    status = qrobot_exchange(in->link, c->has_state ? &c->command : NULL, &c->state);
+    rci_lock();
+    return status == QROBOT_OK ? 1 : -1;
 }
 
 static void hear_robots(struct seat *seat)
