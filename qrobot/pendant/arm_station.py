@@ -29,10 +29,11 @@ from qrobot.pendant.program_messages import PageProgramStart
 from qrobot.pendant.program_runner import ProgramRunner
 from qrobot.pendant.servo_requests import POWER_OFF, ServoRequests
 from qrobot.pendant.taught_places import TaughtPlaces
-from qrobot.units import M_PER_MM
+from qrobot.units import M_PER_MM, NS_PER_S
 from qrobot.wire import State
 from qrobot.wire.vocabulary import RobotFlag
 
+LATE_S = 1.0  # a page's word that took longer, there and back with a sample, is not what is wanted now
 LEAVE_S = 3.0  # an arm that moved is at rest by then
 
 
@@ -210,6 +211,17 @@ class ArmStation:
         if request.step in LIVE_STEPS and (why := self._why_not_live(request.confirmed, whole)):
             raise MotionError(f"not begun: {why}")
         self.procedures.start(request)
+
+    def refuse_late(self, heard_s: float | None) -> None:
+        """Look at how old a page's word is that may move the arm, by the sample that the page had heard.
+
+        Raises MotionError: it lay in the network, and whoever asked may stand beside the arm by now.
+        """
+        if self._newest is None:
+            return
+        now_s = self._newest.robot.t_ns / NS_PER_S
+        if heard_s is None or abs(now_s - heard_s) > LATE_S:
+            raise MotionError("not done: it came late, by a slow connection; look at the arm, and press again")
 
     def _why_not_live(self, confirmed: bool, whole: bool = True) -> str:
         """Reason why nothing of the pendant may move the arm now; `whole`: calibrated and powered too."""

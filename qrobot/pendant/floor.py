@@ -32,6 +32,7 @@ from qrobot.pendant.messages import (
     PageTake,
 )
 from qrobot.pendant.procedure_messages import PageProcedureEnd, PageProcedureKeep, PageProcedureStart
+from qrobot.pendant.procedure_runner import LIVE_STEPS
 from qrobot.pendant.program_messages import PageProgramEnd, PageProgramInterrupt, PageProgramSay, PageProgramStart
 from qrobot.pendant.servo_requests import ANYBODY
 from qrobot.wire import State
@@ -196,6 +197,8 @@ class DriveFloor:
 
     def _drive(self, page: PageView, message: Any) -> None:
         """A message of the page that drives the arm."""
+        if _moves(self._of(message), message):
+            self._of(message).refuse_late(message.heard_s)
         match message:
             case PagePressed():
                 self._press(page, message)
@@ -296,3 +299,16 @@ class DriveFloor:
         for arm in self.arms:
             if arm.lease.holder == page.number:
                 arm.worker.say(do="release")
+
+
+def _moves(arm: ArmStation, message: Any) -> bool:
+    """Whether an arm may move by this message alone. A press does not: its beats are looked at."""
+    match message:
+        case PageAct() | PageCommand(on=True) | PageProgramStart(manner="live"):
+            return True
+        case PageProcedureStart(step=step):
+            return step in LIVE_STEPS
+        case PageProgramSay():
+            return arm.programs.live
+        case _:
+            return False

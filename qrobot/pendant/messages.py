@@ -10,7 +10,7 @@ from qrobot.errors import RemoteProtocolError
 from qrobot.pendant.board_messages import PageBoardForce, PageBoardInject, PageBoardRepair
 from qrobot.pendant.held_press import PressTarget
 from qrobot.pendant.load_messages import BackMm, PageCollision, PageLoad
-from qrobot.pendant.page_message import ArmNumber, PageMessage
+from qrobot.pendant.page_message import ArmNumber, MovingMessage, PageMessage
 from qrobot.pendant.procedure_messages import PageProcedureEnd, PageProcedureKeep, PageProcedureStart
 from qrobot.pendant.program_messages import PageProgramEnd, PageProgramInterrupt, PageProgramSay, PageProgramStart
 from qrobot.wire.vocabulary import LARGEST_OVERRIDE
@@ -49,7 +49,7 @@ class PageGive(PageMessage):
     arm: ArmNumber
 
 
-class PageAct(PageMessage):
+class PageAct(MovingMessage):
     """A request that needs no session, see `servo_requests.ACTIONS`."""
 
     do: Literal["act"]
@@ -65,7 +65,7 @@ class PageOverride(PageMessage):
     factor: float = Field(ge=0, le=LARGEST_OVERRIDE, allow_inf_nan=False, strict=False)
 
 
-class PageCommand(PageMessage):
+class PageCommand(MovingMessage):
     """Take an arm under command, with `guide` to lead it by hand, or end it.
 
     Attributes:

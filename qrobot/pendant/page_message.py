@@ -13,3 +13,13 @@ class PageMessage(BaseModel):
     """A closed, frozen JSON object."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
+
+
+class MovingMessage(PageMessage):
+    """One that may move the arm, and is refused when it comes late, see `ArmStation.refuse_late`.
+
+    Attributes:
+        heard_s: time of the newest sample of the arm at the page, s on the servo's clock; None when it has none.
+    """
+
+    heard_s: float | None = Field(default=None, allow_inf_nan=False)

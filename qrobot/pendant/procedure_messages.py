@@ -6,12 +6,12 @@ from typing import Literal
 
 from pydantic import Field
 
-from qrobot.pendant.page_message import ArmNumber, PageMessage
+from qrobot.pendant.page_message import ArmNumber, MovingMessage, PageMessage
 
 ProcedureStep = Literal["calibrate", "plan", "record lockstep", "record live", "fit"]
 
 
-class PageProcedureStart(PageMessage):
+class PageProcedureStart(MovingMessage):
     """Begin a step.
 
     Attributes:

@@ -6,13 +6,13 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from qrobot.pendant.page_message import ArmNumber, PageMessage
+from qrobot.pendant.page_message import ArmNumber, MovingMessage, PageMessage
 
 ProgramName = Annotated[str, Field(min_length=1, max_length=200)]
 RunManner = Literal["offline", "lockstep", "live"]
 
 
-class PageProgramStart(PageMessage):
+class PageProgramStart(MovingMessage):
     """Start a program of the folder.
 
     Attributes:
@@ -46,7 +46,7 @@ class PageProgramInterrupt(PageMessage):
     arm: ArmNumber
 
 
-class PageProgramSay(PageMessage):
+class PageProgramSay(MovingMessage):
     """A line for the input of the program."""
 
     do: Literal["program say"]

@@ -230,7 +230,7 @@ def test_what_a_page_is_told_first_has_every_arm_with_its_limits_and_every_code_
     assert hello["modes"]["7"] == "FAULT"
 
 
-START = {"do": "program start", "arm": 0, "name": "a.py", "manner": "live", "confirmed": True}
+START = {"do": "program start", "arm": 0, "name": "a.py", "manner": "live", "confirmed": True, "heard_s": 0.0}
 READY = {"t_ns": 0, "mode": 5, "q": Q, "v": (0.0,) * 6, "tau": (0.0,) * 6, "q_setpoint": Q, "flags": 7}
 
 
@@ -271,7 +271,7 @@ def test_a_program_moves_the_arm_when_the_page_that_drives_has_confirmed_it_and_
     floor.station.worker.session = "no"
     assert floor.says(0, **START) == ["live"]
     monkeypatch.setattr(floor.station.procedures, "start", lambda request: floor.asked.append(request.step))
-    calibrate: dict[str, Any] = {"do": "procedure start", "arm": 0, "step": "calibrate"}
+    calibrate: dict[str, Any] = {"do": "procedure start", "arm": 0, "step": "calibrate", "heard_s": 0.0}
     floor.station.watch._tell(State(1, RobotState(**READY | {"flags": 4})))  # type: ignore[arg-type]
     with pytest.raises(MotionError, match="confirm"):
         floor.says(0, **calibrate)

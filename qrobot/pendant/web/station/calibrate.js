@@ -14,7 +14,7 @@ export function makeCalibrate(root) {
   const sure = el("div", { class: "confirm", hidden: true, role: "alertdialog" });
   const button = (id, title, act) => el("button", { id, onclick: act }, title);
   const start = (step, arm = link.chosen, confirmed = false) => {
-    link.say({ do: "procedure start", arm, step, indexes: Math.round(Number(indexes.value)) || 5, slow: slow.checked, confirmed });
+    link.order({ do: "procedure start", arm, step, indexes: Math.round(Number(indexes.value)) || 5, slow: slow.checked, confirmed });
   };
   const close = () => (sure.hidden = true);
   const offer = (words, act) => {

@@ -172,7 +172,7 @@ function powerCard() {
   const on = el("button", { id: "power-on", onclick: () => link.act("power on") }, "⚡ Power on");
   const off = el("button", { id: "power-off", onclick: () => link.act("power off") }, "Power off");
   const clear = el("button", { id: "clear", onclick: () => link.act("clear") }, "Clear fault");
-  const take = el("button", { id: "take", onclick: () => link.say({ do: "command", arm: link.chosen, on: link.armStatus.session === "no", back_mm: back.mm }) });
+  const take = el("button", { id: "take", onclick: () => link.order({ do: "command", arm: link.chosen, on: link.armStatus.session === "no", back_mm: back.mm }) });
   const open = el("button", { "aria-label": "open hand", onclick: () => link.say({ do: "hand", arm: link.chosen, opened: true }) }, "Open");
   const close = el("button", { "aria-label": "close hand", onclick: () => link.say({ do: "hand", arm: link.chosen, opened: false }) }, "Close");
   const hand = el("span", { class: "chip" });

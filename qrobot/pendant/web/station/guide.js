@@ -7,7 +7,7 @@ const SMOOTH = [["0", "as it was"], ["1", "within 1 mm"], ["3", "within 3 mm"], 
 
 export function guideCard() {
   const say = (message) => link.say({ arm: link.chosen, ...message });
-  const take = el("button", { id: "guide-take", onclick: () => say({ do: "command", on: !taken(), guide: true }) });
+  const take = el("button", { id: "guide-take", onclick: () => link.order({ do: "command", arm: link.chosen, on: !taken(), guide: true }) });
   const lead = holdButton("Hold to lead", "lead the arm by hand", () => ({ target: "guide", name: "hand" }), () => link.leading);
   lead.id = "guide-hold";
   const keepPlace = el("button", { id: "guide-place", onclick: () => say({ do: "record", name: freeName() }) });

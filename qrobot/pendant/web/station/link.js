@@ -72,6 +72,11 @@ class Link extends EventTarget {
     return open;
   }
 
+  // Say something that may move the arm: the pendant refuses it when it comes late.
+  order(message) {
+    return this.say({ ...message, heard_s: this.arms[message.arm]?.state?.t ?? null });
+  }
+
   hear(message) {
     if (message.page) {
       this.page = message.page;
@@ -199,7 +204,7 @@ class Link extends EventTarget {
   }
 
   act(name) {
-    this.say({ do: "act", arm: this.chosen, name });
+    this.order({ do: "act", arm: this.chosen, name });
   }
 }
 

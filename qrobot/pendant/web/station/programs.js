@@ -45,11 +45,11 @@ export function makePrograms(root) {
 
   let programs = [], chosen = null, shown = { arm: -1, run: -1, next: 0, lines: [], loaded: 0 }, looking = false, listed = false;
   const facts = () => link.armStatus?.program ?? { run: 0, state: "none" };
-  const say = (line) => link.say({ do: "program say", arm: link.chosen, line });
+  const say = (line) => link.order({ do: "program say", arm: link.chosen, line });
 
   const start = (manner, arm = link.chosen, confirmed = false) => {
     offer(false);
-    link.say({ do: "program start", arm, name: chosen.name, manner, execute: part.value || "main", speed: Number(speed.value) || 50, step: chosen.language === "VAL" && step.checked, confirmed });
+    link.order({ do: "program start", arm, name: chosen.name, manner, execute: part.value || "main", speed: Number(speed.value) || 50, step: chosen.language === "VAL" && step.checked, confirmed });
   };
 
   function offer(on) {

@@ -1,0 +1,39 @@
+"""Words of a page that may move an arm and have lain in the network."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from qrobot.errors import MotionError
+from qrobot.wire import RobotState, State
+from tests.unit.pendant.test_floor import READY, START, Floor, floor
+
+__all__ = ["floor"]  # the fixture
+
+LATE: list[dict[str, Any]] = [
+    START,
+    {"do": "procedure start", "arm": 0, "step": "calibrate", "confirmed": True},
+    {"do": "program say", "arm": 0, "line": "PROCEED"},
+    {"do": "act", "arm": 0, "name": "resume"},
+    {"do": "command", "arm": 0, "on": True},
+]
+
+
+@pytest.mark.parametrize("message", LATE, ids=lambda message: message["do"])
+def test_a_word_that_lay_in_the_network_moves_no_arm(
+    floor: Floor, monkeypatch: pytest.MonkeyPatch, message: dict[str, Any]
+) -> None:
+    monkeypatch.setattr(floor.station.programs, "start", lambda *_: floor.asked.append("start"))
+    monkeypatch.setattr(floor.station.programs, "say", floor.asked.append)
+    monkeypatch.setattr(floor.station.procedures, "start", floor.asked.append)
+    floor.says(0, do="take", arm=0)
+    floor.station.watch._tell(State(1, RobotState(**READY | {"t_ns": 9_000_000_000})))  # type: ignore[arg-type]
+    if message["do"] == "program say":
+        monkeypatch.setattr(type(floor.station.programs), "live", True)
+    for heard_s in (7.9, 10.1, None):
+        with pytest.raises(MotionError, match="it came late"):
+            floor.says(0, **message | {"heard_s": heard_s})
+        assert floor.asked == []
+    assert floor.says(0, **message | {"heard_s": 8.1}) != []
