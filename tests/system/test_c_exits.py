@@ -162,7 +162,11 @@ int main(void)
     if (rci_start(td->bit) || rci_wait(over))
         return 7;
     fflush(stdout);
-    if (fork() == 0) { fclose(stdout); exit(3); }
+    if (fork() == 0) {
+        fclose(stdout);
+        fclose(stderr);
+        exit(rci_state(td) == RCI_ENDED && rci_descriptor("watch") == 0 && rci_close() == 0 ? 3 : 4);
+    }
     wait(&status);
     return WEXITSTATUS(status) == 3 ? 0 : 8;
 }
@@ -172,6 +176,16 @@ int main(void)
 def test_tasks_outlast_the_handlers_of_exit_and_no_child_waits_for_their_threads(tmp_path: Path) -> None:
     program = compiled_text(TASK, tmp_path)
     done = subprocess.run([program], check=False, capture_output=True, text=True, timeout=PATIENCE_S)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "ran\n", "")
+
+
+def test_a_program_that_goes_into_the_background_before_its_tasks_start_takes_them_along(tmp_path: Path) -> None:
+    text = TASK.replace(
+        "    if (rci_start", "    if (fork()) { wait(&status); _exit(WEXITSTATUS(status)); }\n    if (rci_start"
+    )
+    done = subprocess.run(
+        [compiled_text(text, tmp_path)], check=False, capture_output=True, text=True, timeout=PATIENCE_S
+    )
     assert (done.returncode, done.stdout, done.stderr) == (0, "ran\n", "")
 
 

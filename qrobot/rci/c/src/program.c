@@ -8,7 +8,6 @@
 struct program rci_program;
 __thread RCI_TASK *rci_current; /* whose function runs in this thread; 0 in the planning program */
 static pthread_once_t once = PTHREAD_ONCE_INIT;
-static pid_t owner;
 static __thread int blocked;          /* a thread of ours, which has all signals blocked */
 static __thread sigset_t mask_before; /* what this thread had blocked when it took the lock */
 static __thread char last_error[TEXT_BYTES];
@@ -58,11 +57,9 @@ void rci_unlock(void)
         pthread_sigmask(SIG_SETMASK, &mask_before, NULL);
 }
 
-/* A child of the program has none of its threads. */
 static void close_at_exit(void)
 {
-    if (rci_program.begun && owner == getpid() && pthread_equal(pthread_self(), rci_program.parent_thread) &&
-        rci_current == NULL)
+    if (rci_program.begun && pthread_equal(pthread_self(), rci_program.parent_thread) && rci_current == NULL)
         rci_close();
 }
 
@@ -72,8 +69,7 @@ __attribute__((constructor)) static void register_close(void)
     atexit(close_at_exit);
 }
 
-/* What is done once in a process. */
-static void prepare(void)
+static void make_lock(void)
 {
     pthread_mutexattr_t attributes;
 
@@ -81,6 +77,26 @@ static void prepare(void)
     pthread_mutexattr_setprotocol(&attributes, PTHREAD_PRIO_INHERIT);
     pthread_mutex_init(&rci_program.lock, &attributes);
     pthread_mutexattr_destroy(&attributes);
+}
+
+/* A child of the program has none of its threads, so none of its tasks once these have them. */
+static void forget_in_child(void)
+{
+    static struct program parents; /* reachable, for those who look for leaks */
+
+    if (!rci_program.sealed)
+        return;
+    parents = rci_program;
+    memset(&rci_program, 0, sizeof rci_program);
+    rci_current = NULL;
+    make_lock();
+}
+
+/* What is done once in a process. */
+static void prepare(void)
+{
+    make_lock();
+    pthread_atfork(NULL, NULL, forget_in_child);
 }
 
 /* The first call begins a program: its clock and its parent task. */
@@ -93,7 +109,6 @@ void rci_begin(void)
     if (p->begun)
         return;
     p->begun = 1;
-    owner = getpid();
     p->virtual_time = kind != NULL && strcmp(kind, "virtual") == 0;
     p->rate_hz = FALLBACK_HZ;
     p->tick = -1;
