@@ -66,16 +66,10 @@ class Foreground:
         return hello, ProgramMemory(files[0])
 
     def watch(self, process: int) -> None:
-        """Take the end of a process for that of the channel, which its children may keep open.
-
-        Raises:
-            ProgramGone: it has ended.
-        """
+        """Take the end of a process for that of the channel, which its children may keep open."""
         try:
             self._process = os.pidfd_open(process)
-        except ProcessLookupError as error:
-            raise ProgramGone from error
-        except OSError:  # no number of a process, or a kernel without such descriptors
+        except OSError:  # its number is of a name space of its own, or the kernel has no such descriptors
             return
         self._look.register(self._process, select.POLLIN)
         self._wait.register(self._process, select.POLLIN)

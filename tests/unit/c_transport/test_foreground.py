@@ -42,17 +42,13 @@ def test_the_end_of_the_process_is_that_of_its_channel_though_a_child_has_it_sti
         front.receive()
 
 
-def test_a_process_that_has_ended_already_is_none(ends) -> None:
+def test_a_number_without_a_process_is_not_watched(ends) -> None:
+    front, theirs = ends
     with subprocess.Popen(WAITS, stdin=subprocess.PIPE) as program:
         pass
-    with pytest.raises(ProgramGone):
-        ends[0].watch(program.pid)
-
-
-def test_what_is_no_number_of_a_process_is_not_watched(ends) -> None:
-    front, theirs = ends
-    front.watch(-1)
+    front.watch(program.pid)
     front.listen()
+    assert not front.has_ended()
     theirs.close()
     with pytest.raises(ProgramGone):
         front.receive()
