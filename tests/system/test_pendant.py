@@ -41,6 +41,7 @@ pytestmark = pytest.mark.realtime
 FAR_RAD, FAR_M = 0.02, 0.008
 LOOKS_BEFORE_ANOTHER_PRESS = 8
 STILL_S = 0.25
+LOOKS_S = 1.0  # the scope looks several times meanwhile
 STALL_MS = 700
 PLUS_OF_JOINT_1, PLUS_OF_X = 1, 13  # of the buttons to hold: two a joint, then two an axis
 TABLE = [400.0, 0.0, 0.0, 90.0, 0.0, 0.0]  # its x axis is y of the base
@@ -299,6 +300,7 @@ def test_an_arm_is_driven_from_one_page_and_a_page_that_stalls_or_dies_moves_it_
         wait_until(lambda: is_at_rest(arm), "at rest once it is let go")
         every_cycle_of_the_motion_is_kept(page)
         the_tool_goes_along_the_axes_of_a_taught_place(page, arm)
+        a_trigger_is_for_what_comes_and_not_for_what_was(page)
 
         watcher = Page(driver, f"{pendant.address}#teach", window=True)
         assert not watcher.run("return pendant.driving")
@@ -544,6 +546,18 @@ def every_cycle_of_the_motion_is_kept(page: Page) -> None:
     wait_until(lambda: page.shows("#trigger-told", "triggered"), "the trigger has seen the motion")
     wait_until(lambda: page.shows("#freeze", "Go on"), "it is frozen")
     assert not page.shows("#scope-problem", "")
+    page.click("tab-drive")
+
+
+def a_trigger_is_for_what_comes_and_not_for_what_was(page: Page) -> None:
+    """Armed at a frozen picture, since which the arm has moved and rests."""
+    page.click("tab-scope")
+    assert page.shows("#freeze", "Go on")
+    page.click("trigger-arm")
+    wait_until(lambda: page.shows("#trigger-told", "waits"), "it waits")
+    give_time(LOOKS_S)
+    assert page.shows("#trigger-told", "waits")
+    page.click("trigger-arm")
     page.click("tab-drive")
 
 

@@ -226,11 +226,13 @@ export function makeLogs(root) {
   const look = async () => {
     if (!root.hidden && !listed) await lookAtList();
     if (!root.hidden && A) {
-      const end = A.status.end, whole = window_[0] === 0 && window_[1] >= end;
-      if ((await tried(() => A.look())) && A.status.share <= 1) news();
-      if (whole && A.status.end > end) await show(0, A.status.end);
+      const [a, b] = [A, B], ends = [a.status.end, b?.status.end], whole = window_[0] === 0 && window_[1] >= ends[0];
+      if (await tried(() => Promise.all([a.look(), b?.look()]))) news();
+      const same = a === A && b === B; // none was opened meanwhile
+      if (same && whole && a.status.end > ends[0]) await show(0, a.status.end);
+      else if (same && b?.status.end > ends[1]) await show(...window_);
     }
-    setTimeout(look, A && A.status.share < 1 ? READING_MS : LOOK_MS);
+    setTimeout(look, [A, B].some((log) => log?.status.share < 1) ? READING_MS : LOOK_MS);
   };
   setTimeout(look, 0);
   new MutationObserver(() => !root.hidden && !listed && lookAtList()).observe(root, { attributeFilter: ["hidden"] });

@@ -93,14 +93,21 @@ export function makeScope(root) {
     draw();
   }
 
-  function wait() {
-    const after = picture?.newest ?? 0;
+  // Wait for what comes from now on: what is shown may be of long ago.
+  async function wait() {
     [frozen, kept, zoom, part] = [false, null, null, null];
     turn += 1;
-    trigger.armed = { after };
+    const armed = (trigger.armed = { after: null });
     trigger.show("waits");
     showButtons();
+    try {
+      armed.after = (await lookNow({})).newest;
+    } catch (error) {
+      if (trigger.armed === armed) (disarm(), complain(error.message));
+    }
   }
+
+  const lookNow = (question) => RingPicture.look(link.chosen, link.arm.facts.joints.length, length(), question);
 
   function disarm() {
     trigger.armed = null;
@@ -117,12 +124,12 @@ export function makeScope(root) {
   async function look() {
     if (looking || frozen || root.hidden || !link.arm || !link.open) return;
     if (!ring()) return take(fromWire());
-    if (performance.now() < due) return;
+    if (performance.now() < due || trigger.armed?.after === null) return;
     due = performance.now() + paceOf(length());
     looking = true;
     const mine = turn;
     try {
-      const got = await RingPicture.look(link.chosen, link.arm.facts.joints.length, length(), trigger.armed ? trigger.question : {});
+      const got = await lookNow(trigger.armed ? trigger.question : {});
       if (mine === turn && !frozen) (complain(""), hear(got));
     } catch (error) {
       if (mine === turn) complain(error.message);
@@ -133,6 +140,7 @@ export function makeScope(root) {
 
   function hear(got) {
     if (!trigger.armed) return take(got);
+    if (got.newest < trigger.armed.after) trigger.armed.after = 0; // another servo, which counts anew
     if (got.triggered === null) return trigger.again.checked && picture?.triggered ? undefined : take(got);
     if (!got.whole) return trigger.show("found, and follows it");
     take(got);

@@ -13,7 +13,7 @@ function select(id, label, options) {
 
 export class Trigger {
   constructor(changed) {
-    this.armed = null; // {after}: number of the cycle from which on it counts
+    this.armed = null; // {after}: number of the cycle from which on it counts, null while that is asked for
     this.quantity = select("trigger", "trigger", [[NONE, "no trigger"], ["event", TITLES.event], ...QUANTITIES.map((name) => [name, TITLES[name] ?? name])]);
     this.joint = select("trigger-joint", "joint of the trigger", []);
     this.edge = select("trigger-edge", "edge", [["true", "rises to"], ["false", "falls to"]]);
