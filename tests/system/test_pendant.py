@@ -664,6 +664,20 @@ def hold(page: Page, press: Callable[[], None], let_go: Callable[[], None]) -> N
     wait_until(held, "the press counts")
 
 
+def test_the_speed_override_is_what_the_slider_shows_however_long_a_finger_rests_on_it(pendant: Pendant) -> None:
+    with open_browser() as driver:
+        page = Page(driver, pendant.address)
+        page.click("drive")
+        wait_until(lambda: page.run("return !document.getElementById('override').disabled"), "it can be moved")
+        page.touch("#override")
+        give_time(LOOKS_S + STILL_S)
+        assert page.run("return document.getElementById('override').value") == "50"
+        page.let_go()
+        wait_until(lambda: page.run("return pendant.arm.state.override") == 0.5, "it is in force")
+        page.run("pendant.say({do: 'override', arm: 0, factor: 1})")
+        wait_until(lambda: page.run("return pendant.arm.state.override") == 1.0, "as before")
+
+
 def test_a_foreign_page_or_host_or_no_token_is_refused_by_page_socket_io_and_live_socket(pendant: Pendant) -> None:
     own, evil = f"http://{pendant.host}", "http://evil.example"
     polling = "/_nicegui_ws/socket.io/?EIO=4&transport=polling"

@@ -162,7 +162,8 @@ export function speedCard(prefix = "") {
     setText(pause, waits() ? "▶ Go back to the path" : paused() ? "▶ Go on" : "‖ Pause motions");
     setAttribute(pause, "data-on", offered === "resume");
     setText(told, state ? `${Math.round(100 * state.override)} %` : "?");
-    if (state && performance.now() - asked > 1000) slider.value = String(Math.round(100 * state.override));
+    const moved = performance.now() - asked <= 1000 || slider.matches(":active"); // also by a finger that rests on it
+    if (state && !moved) slider.value = String(Math.round(100 * state.override));
   };
   setInterval(show, 100);
   return el("div", { class: "card buttons" }, el("label", { class: "override" }, "Speed override", slider), told, pause);
