@@ -105,6 +105,6 @@ class FakePort:
 
     def restart(self) -> None:
         """As after `kill -9` and a new start: no power, nothing moves."""
-        self.running = True
-        self.servo += 1
+        self.servo += 1  # first: a bridge may look at any time
         self.state = replace(self.state, mode=Mode.OFF, flags=RobotFlag.ESTOP_OK | RobotFlag.CALIBRATED)
+        self.running = True

@@ -235,6 +235,7 @@ def test_a_servo_that_goes_and_comes_back_keeps_its_clients() -> None:
             pass
         assert (event.code, event.fatal) == (ErrorCode.SERVO_GONE, False)
         bridge.port.restart()
+        assert client.hear().code == ErrorCode.SERVO_NEW
         assert isinstance(client.hear(), State)
 
 
