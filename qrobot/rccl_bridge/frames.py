@@ -12,8 +12,8 @@ from qrobot.wire import Command
 class FrameMaker:
     """Remembers what one commander said last.
 
-    After the servo was away the commander's next frame begins a new stream. To another servo nothing is forwarded
-    before the power request was dropped once: nothing moves because somebody restarted something.
+    To another servo than before nothing is forwarded until the power request was dropped once, and the commander's next
+    frame begins a new stream: nothing moves because somebody restarted something.
     """
 
     def __init__(self, lease: Lease, period_ns: int) -> None:
@@ -30,13 +30,10 @@ class FrameMaker:
         """Seq of the newest COMMAND whose setpoints were possible, 0 before the first."""
         return self._acknowledged
 
-    def lose_servo(self) -> None:
-        """The servo is away: what comes now goes nowhere."""
+    def meet(self, powered: bool) -> None:
+        """Another servo has come: a power request that stands was made to the one before, unless this one has power."""
+        self._power_locked = not powered
         self._client_stream = None
-
-    def lock_power(self) -> None:
-        """Another servo has come: a power request that stands was made to the one before."""
-        self._power_locked = True
 
     def make(self, command: Command, seq: int, now_ns: int) -> SetpointFrame | None:
         """The frame of `command`, whose unwrapped sequence number is `seq`; None while the power request is locked."""

@@ -154,15 +154,15 @@ class ServoPort:
         self.n = n
         self._segment: SharedMemory | None = None
         self._mailbox: ServoMailbox | None = None
-        self._generation = self._slipped_ns = 0
-        self._was_here, self._new_until_ns = False, 0
+        self._generation = self._servos = self._slipped_ns = 0
+        self._new_until_ns = 0
         self.mismatch = ""
         self._power_locked = False  # a servo that has just started is not powered by a request made to the one before
 
     @property
     def servo(self) -> int:
-        """Number of the servo that is followed."""
-        return self._generation
+        """Number of the servo that is followed: how many there have been; a new file may begin its generations anew."""
+        return self._servos
 
     def alive(self) -> bool:
         """The servo runs and its state is fresh."""
@@ -276,9 +276,9 @@ class ServoPort:
             if (info.robot_name, info.n) != (self.robot_name, self.n):
                 self._mailbox = None
                 raise LinkMismatch(f"the servo of {self.arm} drives {info.robot_name!r}, not {self.robot_name!r}")
-            if self._was_here:
+            if self._servos > 0:
                 self._power_locked, self._new_until_ns = True, time.monotonic_ns() + NEW_SERVO_NS
-            self._was_here = True
+            self._servos += 1
             self._mailbox = mailbox
         return self._mailbox
 

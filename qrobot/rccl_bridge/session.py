@@ -7,7 +7,8 @@ Rules:
 * the grid begins with the session, or with the arm's clock for a client that wants samples in step with other arms';
 * setpoints are the commander's alone, and the lease is given back, with a stop, however the session ends;
 * whoever is in may ask for a stop or for no power, the commander or an observer, and the bridge's log says who did;
-* while the servo is away the client is told once, stays connected, and what it commands is dropped.
+* while the servo is away the client is told once, stays connected, and what it commands is dropped;
+* another servo than before is told as such, and hears of what stood before when the power request was dropped once.
 """
 
 from __future__ import annotations
@@ -324,8 +325,6 @@ class Session:
         text = mismatch or f"the servo of {self._robot_name} does not run; this connection waits for it"
         if self._servo_gone == text:
             return []
-        if self._frames is not None and not self._servo_gone:
-            self._frames.lose_servo()
         self._servo_gone = text
         return [SendBytes(self._connection.send(WireError(ErrorCode.SERVO_GONE, text, False, now_ns)))]
 
@@ -335,8 +334,8 @@ class Session:
         self._servo, self._servo_gone = servo, ""
         if servo == known or (known is None and not was_away):
             return []
-        if self._frames is not None and not powered:
-            self._frames.lock_power()
+        if self._frames is not None:
+            self._frames.meet(powered)
         text = f"the servo of {self._robot_name} has started anew"
         return [SendBytes(self._connection.send(WireError(ErrorCode.SERVO_NEW, text, False, now_ns)))]
 

@@ -574,7 +574,7 @@ def test_a_servo_that_comes_back_moves_only_after_the_power_request_was_dropped(
     assert port.frames[1].stream > port.frames[0].stream
 
 
-def test_a_servo_that_was_away_for_a_moment_keeps_its_power_and_follows_a_new_stream(
+def test_a_servo_that_was_away_for_a_moment_keeps_its_power_and_hears_what_is_left_of_the_stream_as_that(
     client: Client, port: FakePort
 ) -> None:
     client.join().say(replace(MOVE, seq=1))
@@ -585,8 +585,9 @@ def test_a_servo_that_was_away_for_a_moment_keeps_its_power_and_follows_a_new_st
     (state,) = client.wait(PERIOD_NS)
     assert state.robot.powered
     client.say(replace(MOVE, seq=2))
-    assert [(frame.seq, frame.power) for frame in port.frames] == [(1, True), (2, True)]
-    assert port.frames[1].stream > port.frames[0].stream
+    client.say(replace(MOVE, seq=3, stream=MOVE.stream + 1))
+    assert [(frame.seq, frame.power) for frame in port.frames] == [(1, True), (2, True), (3, True)]
+    assert port.frames[0].stream == port.frames[1].stream < port.frames[2].stream
 
 
 @pytest.mark.parametrize("powered", [True, False])

@@ -76,6 +76,25 @@ def test_a_servo_that_was_started_again_counts_as_away_for_the_longest_period_ev
         assert port.alive() is alive
 
 
+def test_each_servo_has_another_number_also_one_whose_file_is_new(
+    port: ServoPort, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(time, "monotonic_ns", lambda: NS_PER_S)
+    numbers = []
+    for _ in range(3):  # the owner of each takes its file away, as a servo does that ends in order
+        with create_servo_memory(port.arm, port.robot_name, "pd", port.n, 1_000_000, 16) as servo:
+            port.alive()
+            numbers += [port.servo]
+            port.alive()
+            numbers += [port.servo]
+            servo.front.header.generation += 1  # one that was killed, and started again
+            port.alive()
+            numbers += [port.servo]
+        assert not port.alive()
+        assert port.servo == numbers[-1]
+    assert numbers == [1, 1, 2, 3, 3, 4, 5, 5, 6]
+
+
 ASKING = SetpointFrame(1, 1, NS_PER_S, 28_000_000, (0,) * 6, (0.0,) * 6, True, False, False, 0, 0)
 
 
