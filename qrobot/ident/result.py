@@ -113,7 +113,7 @@ def _as_good(found: Identified) -> Floats:
 
 
 def _least_friction(robot: Robot, half_width: Floats) -> Floats:
-    """Friction down to which a motor may have none: clearly below its interval, and by more than can be commanded.
+    """Friction down to which a motor may have none: twice its half width below 0, and more than can be commanded.
 
     Args:
         robot: the robot file.

@@ -223,6 +223,10 @@ class ArmStation:
         if heard_s is None or abs(now_s - heard_s) > LATE_S:
             raise MotionError("not done: it came late, by a slow connection; look at the arm, and press again")
 
+    def is_faster(self, override: float) -> bool:
+        """Whether motions would go faster by that speed override than they do."""
+        return self._newest is not None and not override <= self._newest.robot.override
+
     def _why_not_live(self, confirmed: bool, whole: bool = True) -> str:
         """Reason why nothing of the pendant may move the arm now; `whole`: calibrated and powered too."""
         state = self._newest

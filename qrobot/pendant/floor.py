@@ -302,10 +302,12 @@ class DriveFloor:
 
 
 def _moves(arm: ArmStation, message: Any) -> bool:
-    """Whether an arm may move by this message alone. A press does not: its beats are looked at."""
+    """Whether an arm, or its hand, may move by this message alone. A press does not: its beats are looked at."""
     match message:
-        case PageAct() | PageCommand(on=True) | PageProgramStart(manner="live"):
+        case PageAct() | PageCommand(on=True) | PageHand() | PageProgramStart(manner="live"):
             return True
+        case PageOverride(factor=factor):
+            return arm.is_faster(factor)
         case PageProcedureStart(step=step):
             return step in LIVE_STEPS
         case PageProgramSay():

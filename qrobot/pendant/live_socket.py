@@ -60,7 +60,8 @@ async def _tell(floor: DriveFloor, page: PageView, socket: WebSocket, due: async
     while True:
         await due.wait()
         due.clear()
-        if page.status_due:
-            await socket.send_text(floor.status(page))
-        while page.frames:
-            await socket.send_bytes(page.frames.popleft())
+        while page.status_due or page.frames:  # the status first, also where samples come faster than they leave
+            if page.status_due:
+                await socket.send_text(floor.status(page))
+            else:
+                await socket.send_bytes(page.frames.popleft())

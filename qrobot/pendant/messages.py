@@ -57,7 +57,7 @@ class PageAct(MovingMessage):
     name: Literal["power on", "power off", "clear", "calibrate", "tare", "pause", "resume"]
 
 
-class PageOverride(PageMessage):
+class PageOverride(MovingMessage):
     """Speed override of motions under way, 1 for the speed as programmed."""
 
     do: Literal["override"]
@@ -117,7 +117,7 @@ class PageRelease(PageMessage):
     do: Literal["release"]
 
 
-class PageHand(PageMessage):
+class PageHand(MovingMessage):
     """Open or close the hand."""
 
     do: Literal["hand"]

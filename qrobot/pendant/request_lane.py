@@ -29,7 +29,12 @@ class RequestLane:
             self._waiting = request
             begins, self._works = not self._works, True
         if begins:
-            threading.Thread(target=self._work, name=f"pendant-{self._name}", daemon=True).start()
+            try:
+                threading.Thread(target=self._work, name=f"pendant-{self._name}", daemon=True).start()
+            except RuntimeError:  # no more threads: what is asked for later finds a lane that may begin
+                with self._lock:
+                    self._works = False
+                raise
 
     def drop(self) -> None:
         """Forget what waits; what is under way goes on."""

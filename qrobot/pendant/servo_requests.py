@@ -82,7 +82,11 @@ class ServoRequests:
         for lane in self._lanes.values():
             lane.drop()  # what was asked for before
         if room.acquire(blocking=False):
-            threading.Thread(target=run, name=f"pendant-{name}", daemon=True).start()
+            try:
+                threading.Thread(target=run, name=f"pendant-{name}", daemon=True).start()
+            except RuntimeError:  # no more threads: the next one has a place again
+                room.release()
+                self._tell(f"{name} was pressed: no thread is left to ask the servo by itself; press again")
 
     def act(self, name: str) -> None:
         """Begin one of `ACTIONS`. Raises KeyError: there is none of that name."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import fcntl
 import json
 from pathlib import Path
@@ -11,7 +12,7 @@ import pytest
 
 from qrobot import transform_file
 from qrobot.pendant.lease import SILENCE_S
-from qrobot.pendant.live_socket import _obey
+from qrobot.pendant.live_socket import _obey, _tell
 from qrobot.transform_file import TransformFile
 from qrobot.wire import RobotState, State
 from tests.support.patience import give_time
@@ -83,3 +84,27 @@ def test_stop_is_heard_while_another_program_writes_the_file_of_places(
         assert file.names() == []
     places.close()
     assert file.names() == ["A", "B"]
+
+
+def test_the_status_that_acknowledges_a_stop_leaves_before_samples_that_come_faster_than_they_leave(
+    floor: Floor,
+) -> None:
+    page, due, sent = floor.pages[0], asyncio.Event(), list[str]()
+
+    class Socket:
+        async def send_text(self, _text: str) -> None:
+            sent.append("status")
+
+        async def send_bytes(self, _frame: bytes) -> None:
+            sent.append("sample")
+            page.frames.append(b"the next one")
+            if sent.count("sample") == 3:
+                floor.says(0, do="stop")
+            if sent.count("sample") > 9:
+                raise ConnectionError
+
+    page.frames.append(b"a sample")
+    due.set()
+    with pytest.raises(ConnectionError):
+        asyncio.run(_tell(floor, page, Socket(), due))  # type: ignore[arg-type]
+    assert sent == ["status", "status", *["sample"] * 3, "status", *["sample"] * 7]

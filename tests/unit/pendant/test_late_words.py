@@ -18,7 +18,10 @@ LATE: list[dict[str, Any]] = [
     {"do": "program say", "arm": 0, "line": "PROCEED"},
     {"do": "act", "arm": 0, "name": "resume"},
     {"do": "command", "arm": 0, "on": True},
+    {"do": "override", "arm": 0, "factor": 0.5},
+    {"do": "hand", "arm": 0, "opened": True},
 ]
+SLOW = {"do": "override", "arm": 0, "factor": 0.3}
 
 
 @pytest.mark.parametrize("message", LATE, ids=lambda message: message["do"])
@@ -28,8 +31,9 @@ def test_a_word_that_lay_in_the_network_moves_no_arm(
     monkeypatch.setattr(floor.station.programs, "start", lambda *_: floor.asked.append("start"))
     monkeypatch.setattr(floor.station.programs, "say", floor.asked.append)
     monkeypatch.setattr(floor.station.procedures, "start", floor.asked.append)
+    monkeypatch.setattr(floor.station.requests, "override", floor.asked.append)
     floor.says(0, do="take", arm=0)
-    floor.station.watch._tell(State(1, RobotState(**READY | {"t_ns": 9_000_000_000})))  # type: ignore[arg-type]
+    floor.station.watch._tell(State(1, RobotState(**READY | {"t_ns": 9_000_000_000, "override": 0.4})))  # type: ignore[arg-type]
     if message["do"] == "program say":
         monkeypatch.setattr(type(floor.station.programs), "live", True)
     for heard_s in (7.9, 10.1, None):
@@ -37,3 +41,11 @@ def test_a_word_that_lay_in_the_network_moves_no_arm(
             floor.says(0, **message | {"heard_s": heard_s})
         assert floor.asked == []
     assert floor.says(0, **message | {"heard_s": 8.1}) != []
+
+
+def test_an_arm_is_slowed_down_however_late_that_comes(floor: Floor, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(floor.station.requests, "override", floor.asked.append)
+    floor.says(0, do="take", arm=0)
+    floor.station.watch._tell(State(1, RobotState(**READY | {"t_ns": 9_000_000_000, "override": 0.4})))  # type: ignore[arg-type]
+    assert floor.says(0, **SLOW | {"heard_s": 1.0}) == [0.3]
+    assert floor.says(0, **SLOW) == [0.3]

@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Sequence
+from functools import partial
 from types import SimpleNamespace
 from typing import Any, Self
+
+import pytest
 
 from qrobot.errors import ConfigError, LinkLost
 from qrobot.pendant.servo_requests import ServoRequests
@@ -109,3 +112,25 @@ def test_a_load_and_what_follows_a_collision_are_told_when_the_servo_has_taken_t
     assert arrived.wait(PATIENCE_S)
     assert "soft for two seconds" in told[-1]
     assert servo.done == [(1.5, (0.0, 0.01, 0.05)), ((10.0, 20.0), "comply")]
+
+
+def test_threads_that_cannot_be_started_leave_room_for_later_stops_and_requests(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def none_left(_thread: threading.Thread) -> None:
+        raise RuntimeError("can't start new thread")
+
+    servo, told = SlowServo(), list[str]()
+    requests = ServoRequests("arm", told.append, servo)  # type: ignore[arg-type]
+    with monkeypatch.context() as patched:
+        patched.setattr(threading.Thread, "start", none_left)
+        for _ in range(9):
+            requests.stop(by_bridge=True)
+            with pytest.raises(RuntimeError):
+                requests.act("pause")
+    assert told == ["STOP was pressed: no thread is left to ask the servo by itself; press again"] * 9
+    for request in (partial(requests.stop, by_bridge=True), partial(requests.act, "pause")):
+        servo.last.clear()
+        request()
+        assert servo.last.wait(PATIENCE_S)
+    assert servo.done == ["stop", "pause"]

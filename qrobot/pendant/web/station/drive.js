@@ -151,7 +151,7 @@ export function speedCard(prefix = "") {
   slider.addEventListener("input", () => (asked = performance.now()));
   slider.addEventListener("change", () => {
     asked = performance.now();
-    link.say({ do: "override", arm: link.chosen, factor: Number(slider.value) / 100 });
+    link.order({ do: "override", arm: link.chosen, factor: Number(slider.value) / 100 });
   });
   const show = () => {
     const state = link.arm && link.fresh(link.arm) ? link.arm.state : null;
@@ -174,8 +174,8 @@ function powerCard() {
   const off = el("button", { id: "power-off", onclick: () => link.act("power off") }, "Power off");
   const clear = el("button", { id: "clear", onclick: () => link.act("clear") }, "Clear fault");
   const take = el("button", { id: "take", onclick: () => link.order({ do: "command", arm: link.chosen, on: link.armStatus.session === "no", back_mm: back.mm }) });
-  const open = el("button", { "aria-label": "open hand", onclick: () => link.say({ do: "hand", arm: link.chosen, opened: true }) }, "Open");
-  const close = el("button", { "aria-label": "close hand", onclick: () => link.say({ do: "hand", arm: link.chosen, opened: false }) }, "Close");
+  const open = el("button", { "aria-label": "open hand", onclick: () => link.order({ do: "hand", arm: link.chosen, opened: true }) }, "Open");
+  const close = el("button", { "aria-label": "close hand", onclick: () => link.order({ do: "hand", arm: link.chosen, opened: false }) }, "Close");
   const hand = el("span", { class: "chip" });
   const show = () => {
     const state = link.arm && link.fresh(link.arm) ? link.arm.state : null;
