@@ -16,6 +16,7 @@ from hypothesis import HealthCheck, settings
 from hypothesis.internal.conjecture import providers
 
 from tests.support import clocks
+from tests.support.turns import turn
 
 # Before anything of ours is imported, which may keep a clock under a name of its own.
 clocks.install()
@@ -63,6 +64,14 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 def pytest_collection_finish() -> None:
     """Tests and libraries stay to the end: without this, garbage is looked for among them again and again."""
     gc.freeze()
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_protocol(item: pytest.Item) -> Generator[None, object, object]:
+    if item.get_closest_marker("realtime") is None:
+        return (yield)
+    with turn(alone=item.get_closest_marker("starves_others") is not None):
+        return (yield)
 
 
 def _without_clocks(item: pytest.Item) -> Generator[None, object, object]:

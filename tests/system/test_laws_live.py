@@ -73,6 +73,7 @@ def go_to_the_end(arm: RunningArm) -> None:
         channel.waitfor(channel.completed)
 
 
+@pytest.mark.starves_others
 def test_a_law_that_hangs_on_the_way_loses_torque_and_power_and_the_arm_still_answers(
     arm: RunningArm, laws: Path
 ) -> None:
