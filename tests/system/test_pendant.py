@@ -674,7 +674,7 @@ def test_the_speed_override_is_what_the_slider_shows_however_long_a_finger_rests
         assert page.run("return document.getElementById('override').value") == "50"
         page.let_go()
         wait_until(lambda: page.run("return pendant.arm.state.override") == 0.5, "it is in force")
-        page.run("pendant.say({do: 'override', arm: 0, factor: 1})")
+        page.run("pendant.order({do: 'override', arm: 0, factor: 1})")
         wait_until(lambda: page.run("return pendant.arm.state.override") == 1.0, "as before")
 
 
