@@ -22,7 +22,7 @@ def bridge(deployment: str = DEFAULT_DEPLOYMENT, *, arm: str | None = None, port
     """Serve the packet protocol for one arm, until Ctrl-C.
 
     One client commands, any number watch. The bridge may be started before the servo and outlives it; clients are told
-    when the servo is away.
+    when the servo is away, and when another one has come.
 
     Parameters
     ----------

@@ -85,7 +85,7 @@ def _cycles(comparison: LogComparison) -> Table:
 
     table = plain_table("cycles", "", "a", "b")
     both = comparison.summaries
-    for what in ("cycles", "tracking_cycles", "late_cycles", "skipped_cycles", "lost_rows"):
+    for what in ("cycles", "tracking_cycles", "dropout_cycles", "late_cycles", "skipped_cycles", "lost_rows"):
         table.add_row(what.replace("_", " "), *(str(getattr(summary, what)) for summary in both))
     for what in ("p50", "p99", "max"):
         table.add_row(f"wake-up {what}, µs", *(f"{getattr(summary.wakeup_us, what):.2f}" for summary in both))

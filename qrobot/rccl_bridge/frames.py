@@ -12,8 +12,8 @@ from qrobot.wire import Command
 class FrameMaker:
     """Remembers what one commander said last.
 
-    To another servo than before nothing is forwarded until the power request was dropped once, and the commander's next
-    frame begins a new stream: nothing moves because somebody restarted something.
+    To another servo than before, unless it has power already, nothing is forwarded until the power request was dropped
+    once, and the commander's next frame begins a new stream: nothing moves because somebody restarted something.
     """
 
     def __init__(self, lease: Lease, period_ns: int) -> None:

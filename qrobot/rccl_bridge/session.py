@@ -8,7 +8,8 @@ Rules:
 * setpoints are the commander's alone, and the lease is given back, with a stop, however the session ends;
 * whoever is in may ask for a stop or for no power, the commander or an observer, and the bridge's log says who did;
 * while the servo is away the client is told once, stays connected, and what it commands is dropped;
-* another servo than before is told as such, and hears of what stood before when the power request was dropped once.
+* another servo than before is told as such; unless it has power already it hears nothing but stops until the power
+  request was dropped once.
 """
 
 from __future__ import annotations

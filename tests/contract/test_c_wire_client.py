@@ -232,7 +232,7 @@ def told(event: WireEvent) -> str:
             vectors = (*robot.q, *robot.v, *robot.tau, *robot.q_setpoint, *robot.force, *numbers, *robot.sensors)
             return f"state {' '.join(str(int(x)) for x in head)} {doubles(vectors)}"
         case WireError():
-            word = "warning" if not event.fatal else "refused" if event.code else "over"
+            word = f"complaint {event.code:d} warning" if not event.fatal else "refused" if event.code else "over"
             return f"{word} {event.text.encode()[:512].hex()}"
         case Bye():
             return f"over {event.text.encode()[:512].hex()}"
@@ -285,7 +285,7 @@ def test_texts_are_cut_after_a_whole_character_and_control_characters_are_replac
     frame[6:8] = (len(frame) + 4).to_bytes(2, "little")
     lines = ask(client, "judge", data=record(Conversation.OBSERVING, bytes(frame) + crc32(frame).to_bytes(4, "little")))
     read = printable(text).encode()[:512].decode(errors="ignore")
-    assert lines == [f"warning {read.encode().hex()}", "."]
+    assert lines == [f"complaint {ErrorCode.SERVO_GONE:d} warning {read.encode().hex()}", "."]
 
 
 # ------------------------------------------------------------------------------------------------------------- sockets

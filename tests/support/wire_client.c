@@ -51,7 +51,7 @@ static void print_event(const struct qrobot_link *link, int heard, const struct 
         print_hex("robot", (const unsigned char *)link->robot, strlen(link->robot));
     else if (heard == QROBOT_KIND_STATE)
         print_state(state);
-    else if (heard == QROBOT_KIND_ERROR)
+    else if (heard == QROBOT_KIND_ERROR && printf("complaint %d ", link->complaint) > 0)
         print_hex("warning", (const unsigned char *)link->warning, strlen(link->warning));
     else if (heard == QROBOT_REFUSED)
         print_hex(link->refusal ? "refused" : "over", (const unsigned char *)text + 2, strlen(text + 2));

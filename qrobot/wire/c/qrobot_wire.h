@@ -336,6 +336,7 @@ struct qrobot_link {
     int refusal;                         /* code of the fatal ERROR that ended the conversation */
     char error[QROBOT_TEXT_BYTES + 256]; /* why the last call failed, for people */
     char warning[QROBOT_TEXT_BYTES + 1]; /* newest complaint of the bridge that ended nothing */
+    int complaint;                       /* its QROBOT_ERROR_..., 0 before there is one */
     char peer[160];                      /* the bridge, for people */
     char token[QROBOT_TOKEN_BYTES + 1];  /* that its HELLO shows; found by qrobot_connect */
     int fd;                              /* the socket, for poll and the like; -1 when there is none */
@@ -759,6 +760,7 @@ static inline int qrw_take_error(struct qrobot_link *link, const unsigned char *
     if (link->phase != QROBOT_COMMANDING && link->phase != QROBOT_OBSERVING)
         return qrw_fail(link, QROBOT_BROKEN, "%s sent an ERROR before its WELCOME", link->peer);
     memcpy(link->warning, text, sizeof text);
+    link->complaint = (int)qrw_get(frame + QROBOT_AT_ERROR_CODE, 2);
     return QROBOT_KIND_ERROR;
 }
 
