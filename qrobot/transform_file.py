@@ -11,13 +11,12 @@ in one step, under a lock: a reader sees all of it or nothing of it, and of two 
 
 from __future__ import annotations
 
-import fcntl
 import os
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import IO, Final
+from typing import Final
 
 import numpy as np
 
@@ -25,6 +24,7 @@ from qrobot.arrays import Floats
 from qrobot.errors import ConfigError, error_text
 from qrobot.model.orientation import rpy_angles
 from qrobot.model.transform import rpy, transform
+from qrobot.realtime.file_lock import lock_alone
 from qrobot.units import DEG_PER_RAD, M_PER_MM, MM_PER_M, RAD_PER_DEG
 from qrobot.whole_file import replace_file
 
@@ -131,21 +131,12 @@ class TransformFile:
         place = self._path.with_name(self._path.name + ".lock")
         with place.open("w") as file:
             looks = round(PATIENCE_S / _LOOK_S)
-            while not _lock_now(file):
+            while not lock_alone(file):
                 if not looks:
                     raise ConfigError(f"another program has kept {place} locked for {PATIENCE_S:g} s: is one halted?")
                 looks -= 1
                 _rest()
             yield
-
-
-def _lock_now(file: IO[str]) -> bool:
-    """Lock a file until it is closed; False while another program has it. Raises OSError."""
-    try:
-        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        return False
-    return True
 
 
 def _rest() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
+from contextlib import ExitStack
 from functools import reduce
 from pathlib import Path
 from typing import Any
@@ -115,10 +116,11 @@ class ArmStation:
 
     def stop(self) -> None:
         """Stop the arm by bridge and servo at once, whichever answers, and let go of what is held."""
-        self.requests.stop(self.watch.ask_stop())
-        self.worker.say(do="stop")
-        self.programs.stop()
-        self.procedures.stop()
+        with ExitStack() as steps:  # each is made, whatever another one fails by, from the last one up
+            steps.callback(self.procedures.stop)
+            steps.callback(self.programs.stop)
+            steps.callback(self.worker.say, do="stop")
+            steps.callback(lambda: self.requests.stop(self.watch.ask_stop()))
 
     def act(self, name: str) -> None:
         """Begin one of `servo_requests.ACTIONS`; power off goes by bridge and servo at once, as a stop does.

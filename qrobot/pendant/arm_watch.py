@@ -11,8 +11,9 @@ from typing import Final
 
 from qrobot.config import Robot
 from qrobot.config.deployment import DeployedArm
-from qrobot.errors import LinkLost, LocalProtocolError, QRobotError
+from qrobot.errors import LinkError, LinkLost, LocalProtocolError, QRobotError
 from qrobot.rci.client import Client
+from qrobot.rci.link import check_welcome
 from qrobot.realtime.bridge_token import token_for
 from qrobot.wire import ClientRole, Hello, State, Stop, Welcome
 
@@ -113,12 +114,12 @@ class ArmWatch:
 
     def _judge(self, welcome: Welcome) -> str:
         """Complaint about a bridge of another robot than that of the deployment, "" when it is this one."""
-        here, own = (welcome.robot, welcome.n), (self._robot.name, self._robot.n)
-        if here == own:
-            return ""
-        names = [f"{name} of {n} joints" for name, n in (here, own)]
-        remedy = "start the pendant with the deployment file of that arm (--deployment)"
-        return f"at {self._where} is a {names[0]}, not the {names[1]} of this deployment: {remedy}"
+        try:
+            check_welcome(welcome, self._robot, "this deployment")
+        except LinkError as error:
+            remedy = "start the pendant with the deployment file of that arm (--deployment)"
+            return f"at {self._where} {error}: {remedy}"
+        return ""
 
     @property
     def _where(self) -> str:

@@ -6,6 +6,7 @@ import json
 import logging
 from collections import deque
 from collections.abc import Callable
+from contextlib import ExitStack
 from typing import Any, Final
 
 from qrobot.errors import MotionError
@@ -31,6 +32,7 @@ from qrobot.pendant.messages import (
     PageStop,
     PageTake,
 )
+from qrobot.pendant.page_message import MovingMessage
 from qrobot.pendant.procedure_messages import PageProcedureEnd, PageProcedureKeep, PageProcedureStart
 from qrobot.pendant.procedure_runner import LIVE_STEPS
 from qrobot.pendant.program_messages import PageProgramEnd, PageProgramInterrupt, PageProgramSay, PageProgramStart
@@ -118,7 +120,7 @@ class DriveFloor:
         return json.dumps({"pages": len(self._pages), "arms": arms, **own})
 
     def changed(self) -> None:
-        """Something that pages are told of is another."""
+        """Tell every page how things stand: something is another, or nothing was said for a second."""
         for page in list(self._pages.values()):
             page.renew()
 
@@ -133,7 +135,7 @@ class DriveFloor:
         for arm in self.arms:
             try:
                 self._look_at_lease_of(arm)
-            except Exception:  # the other arms are looked at all the same, and this one again
+            except Exception:  # the other arms are looked at all the same
                 _log.exception("the lease of arm %s could not be looked at", arm.arm.name)
 
     # ---------------------------------------------------------------------------------------------------- messages
@@ -170,15 +172,10 @@ class DriveFloor:
         return True
 
     def _stop_all(self) -> None:
-        """Stop every arm, whatever fails at another one; the first failure is raised afterwards."""
-        failures: list[Exception] = []
-        for arm in self.arms:
-            try:
-                arm.stop()
-            except Exception as error:
-                failures.append(error)
-        if failures:
-            raise failures[0]
+        """Stop every arm, whatever fails at another one; a failure is raised afterwards."""
+        with ExitStack() as stops:  # begins with the one that was put in last
+            for arm in reversed(self.arms):
+                stops.callback(arm.stop)
 
     def _end_for_anybody(self, message: AnyMessage) -> bool:
         """The same of what only makes an arm do less."""
@@ -304,13 +301,15 @@ class DriveFloor:
 def _moves(arm: ArmStation, message: Any) -> bool:
     """Whether an arm, or its hand, may move by this message alone. A press does not: its beats are looked at."""
     match message:
-        case PageAct() | PageCommand(on=True) | PageHand() | PageProgramStart(manner="live"):
-            return True
+        case PageCommand(on=on):
+            return bool(on)
         case PageOverride(factor=factor):
             return arm.is_faster(factor)
-        case PageProcedureStart(step=step):
-            return step in LIVE_STEPS
+        case PageProgramStart(manner=manner):
+            return bool(manner == "live")
         case PageProgramSay():
             return arm.programs.live
+        case PageProcedureStart(step=step):
+            return step in LIVE_STEPS
         case _:
-            return False
+            return isinstance(message, MovingMessage)

@@ -74,7 +74,9 @@ class ArmSettings:
 
         And the payload, when a servo that shows itself in `now` carries nothing any more; None for the same servo.
         """
-        if self._collision is not None and forgotten:
+        if not forgotten:
+            return
+        if self._collision is not None:
             self._link().tell(self._collision)
         if now is not None and (load := self._load.lost(self._how(), now)) is not None:
             self._link().tell(load)

@@ -254,7 +254,7 @@ class Machine:
         except (JointLimit, Unreachable) as error:
             goal = destination.T_robot_tool
             branch = branch_of(destination.letters, self._branch_before())
-            words = "" if goal is None else self.space.other_words(goal, self.arm.q, branch)
+            words = "" if goal is None else self.space.other_words(goal, self.arm.setpoint, branch)
             if not words:
                 raise
             raise MotionError(f"{error}; {words} before a MOVE gets there") from error

@@ -316,7 +316,7 @@ class GeneratorHost:
 
     def _tell_again(self, now: RobotState, forgotten: bool) -> None:
         """See `ArmSettings.tell_again`."""
-        load = self._load.lost(self.task.how, now)
+        load = self._load.lost(self.task.how, now) if forgotten else None
         told = [packet for packet in self._told_again.values() if forgotten or isinstance(packet, Signals)]
         for packet in (*told, *(() if load is None else (load,))):
             self.link.tell(packet)

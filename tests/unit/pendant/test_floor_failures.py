@@ -51,6 +51,20 @@ def test_stop_reaches_every_arm_whatever_fails_at_the_first(floor: Floor) -> Non
     assert floor.asked == [(1, "stop"), (1, {"do": "stop"})]
 
 
+@pytest.mark.parametrize("failing", ["requests", "programs"])
+def test_stop_does_each_of_its_steps_whatever_another_one_fails_by(
+    floor: Floor, monkeypatch: pytest.MonkeyPatch, failing: str
+) -> None:
+    done: list[str] = []
+    for part in ("programs", "procedures"):
+        monkeypatch.setattr(getattr(floor.station, part), "stop", lambda part=part: done.append(part))
+    monkeypatch.setattr(getattr(floor.station, failing), "stop", fail)
+    with pytest.raises(OSError, match="No space"):
+        floor.says(1, do="stop")
+    assert done == [part for part in ("programs", "procedures") if part != failing]
+    assert {"do": "stop"} in floor.asked
+
+
 def test_a_page_that_sleeps_loses_its_other_arms_whatever_fails_at_the_first(floor: Floor) -> None:
     floor.station.leave_alone = fail  # type: ignore[method-assign]
     floor.now_s += SILENCE_S + 0.1

@@ -170,5 +170,5 @@ def test_the_arm_of_another_robot_is_not_shown_as_that_of_the_deployment(robot: 
     assert asyncio.run(heard(ROBOT.name, ROBOT.n)) == ([STATE, STATE], "")
     told, problem = asyncio.run(heard(robot, n))
     assert told == []
-    for each in (f"{robot} of {n} joints", f"{ROBOT.name} of 6 joints", "--deployment"):
+    for each in (f"'{robot}' with {n} joints", f"'{ROBOT.name}' with 6", "--deployment"):
         assert each in problem

@@ -257,6 +257,20 @@ def test_a_servo_that_was_away_for_a_moment_keeps_how_somebody_has_a_collision_t
         arm.waitfor(arm.completed)
 
 
+def test_a_load_that_somebody_takes_away_while_the_servo_is_away_for_a_moment_stays_away(fake: FakeRobot) -> None:
+    with rccl.control("puma560") as arm:
+        arm.keep_path()
+        arm.setload(2.0)
+        ended_on_the_way(fake, arm, "fault")
+        fake.told = []
+        fake.be_away()
+        fake.payload_mass = 0.0
+        arm.waitas(lambda begin=arm.time: arm.time > begin + 200)
+        assert not fake.told
+        arm.resume()
+        arm.waitfor(arm.completed)
+
+
 def test_a_load_that_somebody_has_taken_away_is_not_told_to_the_next_servo(fake: FakeRobot) -> None:
     with rccl.control("puma560") as arm:
         arm.keep_path()

@@ -6,6 +6,7 @@ import uuid
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -17,6 +18,7 @@ from qrobot.cli.main import make_app
 from qrobot.config import load_deployment
 from qrobot.errors import ConfigError
 from qrobot.faultcodes import FaultCode
+from qrobot.fences.gate import REACTION_S
 from qrobot.modecodes import Mode
 from qrobot.realtime.structure import view_words
 from qrobot.rig.lockstep import LockstepRig
@@ -33,6 +35,7 @@ from qrobot.servo.neighbour import (
     TOO_NEAR,
     VERDICT,
     NeighbourLook,
+    distances_at_stops,
     neighbour_between,
 )
 from qrobot.servo.process.neighbour_look import looking
@@ -272,3 +275,24 @@ def test_each_arm_has_a_tool_of_its_own_thickness(tmp_path: Path) -> None:
     one = neighbour_between(left, right, ROBOT, ROBOT).pair.distance(q, other_q)
     other = neighbour_between(right, left, ROBOT, ROBOT).pair.distance(other_q, q)
     assert one == pytest.approx(other, abs=1e-9)
+
+
+def test_the_way_of_both_stops_is_half_of_that_at_full_speed_and_what_each_arm_is_late_and_outruns_its_reference_by(
+    file: str,
+) -> None:
+    """A stop lasts 15/8 of the speed over the deceleration: the steepest slope of its profile is that of the limit."""
+    neighbour = neighbours_of_arm(choose_arm(file, "left"), file)[0]
+    a_stop, overshoot_s = ROBOT.guard.a_stop, float(np.sqrt(ROBOT.control.inertia / ROBOT.control.kp).max() / np.e)
+    seen: list[tuple[Floats, Floats]] = []
+
+    class Pair:
+        def distance(self, q: Floats, other_q: Floats) -> float:
+            seen.append((q.copy(), other_q.copy()))
+            return 1.0
+
+    moving = [SimpleNamespace(q=PARK, v=v) for v in (np.array([0.5, 0.0, -0.2, 0.0, 0.0, 0.0]), np.zeros(6))]
+    distances_at_stops(replace(neighbour, pair=Pair()), *moving, 0.02)  # type: ignore[arg-type]
+    v = moving[0].v
+    seconds = 0.5 * 15.0 / 8.0 * float((np.abs(v) / a_stop).max()) + 0.02 + REACTION_S + overshoot_s
+    np.testing.assert_allclose(seen[-1][0] - seen[0][0], v * seconds, rtol=1e-12, atol=1e-15)
+    np.testing.assert_array_equal(seen[-1][1], seen[0][1])  # the other one rests
