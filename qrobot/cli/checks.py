@@ -12,7 +12,7 @@ import threading
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from enum import Enum
-from importlib.metadata import PackageNotFoundError, version
+from importlib.metadata import PackageNotFoundError, packages_distributions, version
 from pathlib import Path
 from typing import Final
 
@@ -24,7 +24,6 @@ from qrobot.realtime.runtime_folder import MEMORY_FOLDER, runtime_path, serve_in
 from qrobot.realtime.setup import DMA_LATENCY, HIGHEST_PRIORITY, SetupStep, hold_dma_latency, may_lock_all, set_fifo
 
 LIBRARIES: Final = ("numpy", "numba", "llvmlite", "pydantic", "foxglove-sdk", "mcap")
-DISTRIBUTIONS: Final = {"mujoco": "mujoco-core", "can": "python-can"}  # of modules that are called differently
 SEGMENT_BYTES: Final = 64 << 20  # servo memory with its telemetry ring, board memory, and room for a second arm
 OLDEST_PYTHON: Final = (3, 11)
 
@@ -66,9 +65,10 @@ def software() -> Iterator[Finding]:
     yield Finding("software", look_at_python(), Weight.NEEDED)
     for name in LIBRARIES:
         yield Finding("software", look_at_library(name, "pip install qrobot"), Weight.NEEDED)
+    distributions = packages_distributions()  # some are called differently from their module
     for module, extra in EXTRAS.items():
         remedy = f"pip install 'qrobot[{extra.name}]' for {extra.purpose}"
-        yield Finding("software", look_at_library(DISTRIBUTIONS.get(module, module), remedy), Weight.OPTIONAL)
+        yield Finding("software", look_at_library(distributions.get(module, [module])[0], remedy), Weight.OPTIONAL)
     yield Finding("software", look_at_compile_cache(), Weight.OPTIONAL)
 
 

@@ -7,6 +7,7 @@ import json
 import os
 import shutil
 import sys
+import sysconfig
 from collections.abc import Callable, Collection, Sequence
 from pathlib import Path
 from typing import Any, Final
@@ -77,11 +78,11 @@ def plain_table(title: str, *headings: str, words: Collection[str] = ()) -> Tabl
 
 
 def command_name() -> str:
-    """Name of this program in a line to copy: as it was called, where a terminal does not find it by itself."""
-    called = Path(sys.argv[0])
-    if called.name != PROGRAM or shutil.which(PROGRAM) is not None:
+    """Name of this program in a line to copy: with its folder, where a terminal does not find this one by itself."""
+    own, found = Path(sysconfig.get_path("scripts"), PROGRAM), shutil.which(PROGRAM)
+    if not own.exists() or (found is not None and own.samefile(found)):
         return PROGRAM
-    return str(called.relative_to(Path.cwd())) if called.is_relative_to(Path.cwd()) else str(called)
+    return str(own.relative_to(Path.cwd())) if own.is_relative_to(Path.cwd()) else str(own)
 
 
 def print_table(table: Table) -> None:

@@ -173,7 +173,7 @@ def results_tables(results: list[Result]) -> list[Table]:
     names = results[0].log.header.joint_names if results else ()
     joints = [str(number) for number, _ in enumerate(names, 1)]  # the names are too long for a row
     largest = _table("largest tracking error of each joint, mrad (mm on a sliding joint)", joints)
-    rms = _table("rms of the same while a program leads the arm, at rest too", joints)
+    rms = _table("rms of the same, over all cycles in which a program commands the arm", joints)
     cycles = _table("punctuality of the cycles", ("cycles", "late", "p50/p99/max µs", "times real time", "fault"))
     for result in results:
         run, numbers = result.run, result.summary

@@ -74,7 +74,7 @@ def _pd_is_worse(results: Sequence[Result]) -> list[Verdict]:
         for full in _lockstep(results, "qrobot", "nominal"):
             if full.run.rate_hz == pd.run.rate_hz:
                 times = float(np.min(_largest(pd)[:ARM_JOINTS] / _largest(full)[:ARM_JOINTS]))
-                what = f"law pd at least {PD_FACTOR:g} times as bad as law qrobot on joints 1-3 ({times:.1f} times)"
+                what = f"law pd in lock-step: joints 1-3 at least {PD_FACTOR:g} times as bad as law qrobot ({times:.1f})"
                 verdicts.append(Verdict(what, times >= PD_FACTOR))
     return verdicts
 
@@ -85,7 +85,7 @@ def _rates_agree(results: Sequence[Result]) -> list[Verdict]:
         errors = np.array([_largest(r) for r in _lockstep(results, "qrobot", plant)])
         if len(errors) > 1:
             spread = float(np.max(errors.max(axis=0) / errors.min(axis=0) - 1.0))
-            what = f"{plant} plant: all rates within {RATE_SPREAD:.0%} of each other ({spread:.1%})"
+            what = f"{plant} plant in lock-step: all rates within {RATE_SPREAD:.0%} of each other ({spread:.1%})"
             verdicts.append(Verdict(what, spread <= RATE_SPREAD))
     return verdicts
 

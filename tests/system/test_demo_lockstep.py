@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 import signal
 import subprocess
 from pathlib import Path
@@ -47,8 +48,10 @@ def demo(directory: Path, *options: str) -> subprocess.Popen[str]:
 def test_a_demo_in_lockstep_writes_its_summary_log_and_figures(tmp_path: Path) -> None:
     summary = tmp_path / "summary.json"
     with demo(tmp_path, "--lockstep", "--rate", "1000", "--json", str(summary)) as process:
-        _, said = process.communicate(timeout=FIRST_START_S)
+        told, said = process.communicate(timeout=FIRST_START_S)
     assert process.returncode == 0, said
+    (replay,) = [line.split() for line in told.splitlines() if line.startswith("replay ")]
+    assert shutil.which(replay[1]) is not None  # the line can be copied as it is
     (run,) = json.loads(summary.read_text())["runs"]
     assert {key: type(run[key]) for key in RUN_KEYS} == RUN_KEYS
     assert (run["rate_hz"], run["clock"], run["plant"], run["law"]) == (1000, "lockstep", "nominal", "qrobot")

@@ -224,7 +224,7 @@ def test_verdicts_tell_each_bound_once_with_what_was_found() -> None:
         (True, "no fault in 3 runs"),
         (True, "nominal plant in lock-step: joints 1-3 within 5 mrad (1.00), the others within 2 mrad (1.00)"),
         (False, "mismatched plant in lock-step: joints 1-3 within 10 mrad (5.00), the others within 4 mrad (5.00)"),
-        (True, "law pd at least 2 times as bad as law qrobot on joints 1-3 (3.0 times)"),
+        (True, "law pd in lock-step: joints 1-3 at least 2 times as bad as law qrobot (3.0)"),
     ]
     assert verdicts_of(demo_results(*runs[:2]))[1][1].endswith("(1.50), the others within 2 mrad (1.50)")
 
@@ -233,4 +233,4 @@ def test_a_run_with_a_fault_fails_by_its_name() -> None:
     told = verdicts_of(demo_results(("qrobot", "nominal", 0.001), ("pd", "nominal", 0.001), fault="LAW_NAN"))
     assert (False, "lockstep-1000-nominal-pd: no fault, but LAW_NAN") in told
     assert not [what for _, what in told if "no fault in" in what]
-    assert (False, "law pd at least 2 times as bad as law qrobot on joints 1-3 (1.0 times)") in told
+    assert (False, "law pd in lock-step: joints 1-3 at least 2 times as bad as law qrobot (1.0)") in told

@@ -7,6 +7,8 @@ import json
 import os
 import socket
 from collections import namedtuple
+from importlib.metadata import packages_distributions
+from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
@@ -174,3 +176,14 @@ def test_trying_real_time_leaves_this_thread_as_it_was() -> None:
     before = os.sched_getscheduler(0)
     assert {step.name for step in checks.realtime_rights()} == {"scheduler", "idle states", "memory"}
     assert os.sched_getscheduler(0) == before
+
+
+def test_every_library_that_can_be_imported_is_found_whatever_its_distribution_is_called() -> None:
+    found = [finding.step for finding in checks.software()]
+    names = {step.name for step in found}
+    missing = {step.name for step in found if not step.ok}
+    for module in checks.EXTRAS:
+        if find_spec(module) is None:
+            assert module in missing
+        else:
+            assert set(packages_distributions()[module]) & names - missing

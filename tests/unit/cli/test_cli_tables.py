@@ -55,19 +55,24 @@ def test_a_name_with_brackets_is_printed_as_it_is(capsys: pytest.CaptureFixture[
 
 
 @pytest.mark.parametrize(
-    ("called", "found", "line"),
+    ("installed", "found", "line"),
     [
-        (".venv/bin/qrobot", None, ".venv/bin/qrobot"),
-        ("{here}/.venv/bin/qrobot", None, ".venv/bin/qrobot"),
-        ("/opt/arm/bin/qrobot", None, "/opt/arm/bin/qrobot"),
-        ("/opt/arm/bin/qrobot", "/opt/arm/bin/qrobot", "qrobot"),
-        ("/usr/lib/pytest/__main__.py", None, "qrobot"),
+        (".venv/bin", None, ".venv/bin/qrobot"),
+        ("../elsewhere/bin", None, "{above}/elsewhere/bin/qrobot"),
+        (".venv/bin", ".venv/bin/qrobot", "qrobot"),
+        (".venv/bin", "other/bin/qrobot", ".venv/bin/qrobot"),  # of another installation
+        (None, None, "qrobot"),
     ],
 )
 def test_a_line_to_copy_calls_the_program_as_a_terminal_finds_it(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, called: str, found: str | None, line: str
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, installed: str | None, found: str | None, line: str
 ) -> None:
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("sys.argv", [called.format(here=tmp_path)])
-    monkeypatch.setattr("shutil.which", lambda name: found if name == "qrobot" else None)
-    assert command_name() == line
+    here = tmp_path / "here"
+    for each in (f"{installed}/qrobot" if installed else None, "other/bin/qrobot"):
+        if each is not None:
+            (here / each).parent.mkdir(parents=True, exist_ok=True)
+            (here / each).touch()
+    monkeypatch.chdir(here)
+    monkeypatch.setattr("sysconfig.get_path", lambda _: os.path.normpath(here / (installed or "nowhere")))
+    monkeypatch.setattr("shutil.which", lambda _: None if found is None else str(here / found))
+    assert command_name() == line.format(above=tmp_path)
