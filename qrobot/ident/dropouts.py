@@ -27,6 +27,11 @@ def measured_positions(rows: Rows) -> Floats:
     return np.asarray(q)
 
 
+def between_cycles(q: Floats) -> Floats:
+    """Positions at which torques act, each from its own cycle's position to the next one's. Shape (r - 1, n)."""
+    return np.asarray(0.5 * (q[1:] + q[:-1]))
+
+
 def long_dropout(rows: Rows, period_s: float) -> Bools:
     """True in rows without an image that lie between samples more than LONGEST_S apart. Shape (r,)."""
     seen = sampled(rows)

@@ -201,7 +201,7 @@ def identify(
     if not known_torque:
         unknowns = replace(unknowns, free=_free(unknowns, observations, load_kg))
     held = swings_of(robot, observations) % HELD_BACK == HELD_BACK - 1
-    whole, trial = (_told(unknowns, each, load_kg, kinds) for each in (observations, observations.only(~held)))
+    whole, trial = (_fitted(unknowns, each, load_kg, kinds) for each in (observations, observations.only(~held)))
     kept = less_inertia(observations.only(held & ~observations.loaded), trial.errors)  # the robot file knows no load
     of_servo = trial.unknowns.compensated(trial.fit.values, trial.observations.only(~trial.observations.loaded))
     written = of_servo @ trial.fit.values
@@ -216,7 +216,7 @@ def identify(
     )
 
 
-class _Told(NamedTuple):
+class _FitOfPasses(NamedTuple):
     """Unknowns as some passes tell them.
 
     Attributes:
@@ -234,21 +234,21 @@ class _Told(NamedTuple):
     fit: Fit
 
 
-def _told(
+def _fitted(
     unknowns: Unknowns, observations: Observations, load_kg: float | None, kinds: tuple[FrictionTermKind, ...] | None
-) -> _Told:
+) -> _FitOfPasses:
     """Everything unknown: errors of inertia, then friction as the servo has it, then its terms beside the rest."""
     errors = inertia_errors(unknowns, observations, load_kg)
     observations = less_inertia(observations, errors)
     plain = fit_scaled(unknowns, observations, load_kg)
     terms = _terms(unknowns, plain, observations, kinds)
     if terms is None:
-        return _Told(unknowns, observations, errors, plain, plain)
+        return _FitOfPasses(unknowns, observations, errors, plain, plain)
     unknowns = replace(unknowns, terms=terms)
-    return _Told(unknowns, observations, errors, plain, fit_scaled(unknowns, observations, load_kg))
+    return _FitOfPasses(unknowns, observations, errors, plain, fit_scaled(unknowns, observations, load_kg))
 
 
-def _widened(whole: _Told, trial: _Told, kept: Observations) -> Fit:
+def _widened(whole: _FitOfPasses, trial: _FitOfPasses, kept: Observations) -> Fit:
     """The fit with the intervals that passes held back call for: terms may follow what is chance.
 
     Weights are taken as no better known than without terms: those are of friction, and tell nothing of weight.

@@ -17,11 +17,11 @@ from qrobot.config import Robot
 from qrobot.errors import IdentificationError
 from qrobot.hwif.registers import DAC_ZERO
 from qrobot.ident.base import BaseParameters
-from qrobot.ident.dropouts import long_dropout, measured_positions
+from qrobot.ident.dropouts import between_cycles, measured_positions
 from qrobot.ident.excitation import RUN_S
 from qrobot.ident.fourier import States
 from qrobot.ident.observe import RESOLUTION, slowest_rates
-from qrobot.ident.recording import limited
+from qrobot.ident.recording import sound
 from qrobot.ident.regressor import Regressor
 from qrobot.ident.window import window_weights
 from qrobot.modecodes import Mode
@@ -77,13 +77,11 @@ def observe_motion(robot: Robot, regressor: Regressor, base: BaseParameters, row
     """
     samples = round(WINDOW_S / period_s)
     moves = (np.abs(rows["v_ref"]) > RESTS * robot.limits.v_max).any(axis=1)
-    sound = ~limited(rows).any(axis=1) & (rows["flags"] >> 8 == 0) & ~long_dropout(rows, period_s)
-    starts, motion = _windows(rows, moves, sound, samples, round(SHORTEST_S / period_s))
+    starts, motion = _windows(rows, moves, sound(rows, period_s), samples, round(SHORTEST_S / period_s))
     if not len(starts):
         raise IdentificationError("nothing recorded moves for long: record what `qrobot identify plan --dynamic` shows")
     weights, coupling = window_weights(samples, period_s), robot.transmission.coupling
-    q = measured_positions(rows)
-    q = 0.5 * (q[1:] + q[:-1])  # a torque acts from its own cycle's position to the next one's
+    q = between_cycles(measured_positions(rows))
     at = States(*(_means(q, starts, weight) for weight in weights))
     dac_per_Nm = robot.transmission.dac_per_Nm
     torque = _means((rows["dac"][:-1] - DAC_ZERO) / dac_per_Nm, starts, weights.value)
@@ -102,8 +100,8 @@ def observe_motion(robot: Robot, regressor: Regressor, base: BaseParameters, row
     )
 
 
-def _windows(rows: Rows, moves: Bools, sound: Bools, samples: int, shortest: int) -> tuple[Ints, Ints]:
-    """First rows of windows that follow each other, all of them sound, and the number of the motion of each."""
+def _windows(rows: Rows, moves: Bools, good: Bools, samples: int, shortest: int) -> tuple[Ints, Ints]:
+    """First rows of windows that follow each other, all of them good, and the number of the motion of each."""
     follows = np.append(np.diff(rows["tick"]) == 1, [False])
     under_way = moves & follows & (rows["mode"] == Mode.TRACKING)
     edges = np.flatnonzero(np.diff(np.concatenate([[False], under_way, [False]]).astype(np.int8))).reshape(-1, 2)
@@ -111,7 +109,7 @@ def _windows(rows: Rows, moves: Bools, sound: Bools, samples: int, shortest: int
         (start, number)
         for number, (begin, end) in enumerate(edges[np.ptp(edges, axis=1) >= shortest].tolist())
         for start in range(begin, end - samples, samples)
-        if sound[start : start + samples].all()
+        if good[start : start + samples].all()
     ]
     starts, motion = np.array(found, np.int64).reshape(-1, 2).T
     return starts, motion

@@ -19,8 +19,8 @@ from qrobot.arrays import Bools, Floats, Ints
 from qrobot.config import Robot
 from qrobot.hwif.registers import DAC_ZERO
 from qrobot.ident.base import BaseParameters, base_of_robot
-from qrobot.ident.dropouts import long_dropout, measured_positions
-from qrobot.ident.recording import limited
+from qrobot.ident.dropouts import between_cycles, measured_positions
+from qrobot.ident.recording import sound
 from qrobot.ident.regressor import OF_GRAVITY, Regressor, inertial_regressor, known_parameters
 from qrobot.ident.window import Weights, subsample, window_weights
 from qrobot.modecodes import Mode
@@ -110,8 +110,7 @@ def steady_passes(rows: Rows, period_s: float) -> list[Pass]:
     """
     moves = (rows["v_ref"] != 0.0).any(axis=1)
     calm = (np.abs(rows["a_ref"]) < CRUISE).all(axis=1)
-    good = (rows["mode"] == Mode.TRACKING) & calm & moves & ~limited(rows).any(axis=1) & (rows["flags"] >> 8 == 0)
-    good &= ~long_dropout(rows, period_s)
+    good = (rows["mode"] == Mode.TRACKING) & calm & moves & sound(rows, period_s)
     good[1:] &= np.diff(rows["tick"]) == 1
     edges = np.flatnonzero(np.diff(np.concatenate([[False], good, [False]]).astype(np.int8)))
     skip, shortest = round(SETTLING_S / period_s), round(SHORTEST_S / period_s)
@@ -167,9 +166,8 @@ class Observer:
         self, log: Rows, measured: Floats, steady: Pass, number: int, period_s: float, loaded: bool
     ) -> Observations:
         part, transmission = slice(steady.start, steady.stop), self._robot.transmission
-        rows, q = log[part], measured[part]
+        rows, q = log[part], between_cycles(measured[part])
         turning = np.flatnonzero(np.abs(rows["v_ref"] @ transmission.coupling.T).min(axis=0) > self._slowest)
-        q = 0.5 * (q[1:] + q[:-1])  # a torque acts from its own cycle's position to the next one's
         window = window_weights(len(q), period_s)
         looks = subsample(window, 1 + len(q) // EVERY)
         Y = self._to_motor @ np.tensordot(looks.share, self._regressor(q[looks.at]), 1)

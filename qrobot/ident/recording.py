@@ -15,6 +15,7 @@ from qrobot.config import Robot
 from qrobot.errors import IdentificationError
 from qrobot.hwif.registers import DAC_ZERO
 from qrobot.ident.counters import counter_faults
+from qrobot.ident.dropouts import long_dropout
 from qrobot.modecodes import Mode
 from qrobot.servo.memory.telemetry import VECTORS, Rows
 
@@ -50,6 +51,11 @@ def limited(rows: Rows) -> Bools:
     at_end = (dac <= DAC_MARGIN) | (dac >= 2 * DAC_ZERO - 1 - DAC_MARGIN)
     said = rows["flags"][:, None] >> (_LIMITED_BIT + np.arange(dac.shape[1])) & 1
     return np.asarray(at_end | (said == 1))
+
+
+def sound(rows: Rows, period_s: float) -> Bools:
+    """True where a row can be measured by: no torque at its limit, no frame missed, no images lost. Shape (r,)."""
+    return np.asarray(~limited(rows).any(axis=1) & (rows["flags"] >> _LIMITED_BIT == 0) & ~long_dropout(rows, period_s))
 
 
 def _no_numbers(robot: Robot, rows: Rows, period_s: float) -> Iterator[str]:

@@ -37,21 +37,29 @@ _SMALLEST_DEVIATION: Final = 1e-6
 
 def terms_seen(unknowns: Unknowns, fit: Fit, seen: Observations) -> Terms | None:
     """The terms of friction that the residuals of a fit without any show, with their deviations; none if none."""
-    motors = np.unique(seen.motor).tolist()
-    found = [(motor, kind) for motor in motors for kind in _kinds_seen(unknowns, fit, seen, motor)]
+    motors, swing = np.unique(seen.motor).tolist(), swings_of(unknowns.robot, seen)
+    found = [(motor, kind) for motor in motors for kind in _kinds_seen(unknowns, fit, seen, swing, motor)]
     if any(kind == "load" for _, kind in found):  # all gears are of one make: what is too small to show is there too
         found += [(motor, "load") for motor in motors if (motor, "load") not in found]
     return terms_of(unknowns, fit, seen, found) if found else None
 
 
-def _kinds_seen(unknowns: Unknowns, fit: Fit, seen: Observations, motor: int) -> list[FrictionTermKind]:
-    """Kinds of friction that one motor shows: first the one that explains most with each of its columns."""
+def _kinds_seen(unknowns: Unknowns, fit: Fit, seen: Observations, swing: Ints, motor: int) -> list[FrictionTermKind]:
+    """Kinds of friction that one motor shows: first the one that explains most with each of its columns.
+
+    Args:
+        unknowns: what was sought.
+        fit: of them.
+        seen: observations.
+        swing: number of the swing of each. Shape (m,).
+        motor: which, from 0.
+    """
     chosen: list[FrictionTermKind] = ["speed"] if _bends(unknowns, fit, motor) else []
     left = _left(unknowns, fit, seen)
     for kind in chosen:
         left = left.with_columns(_whitened(unknowns, fit, seen, left, motor, kind))
     while rest := [kind for kind in KINDS if kind not in chosen]:
-        gains = {kind: _gain(unknowns, fit, seen, left, motor, kind) for kind in rest}
+        gains = {kind: _gain(unknowns, fit, seen, swing, left, motor, kind) for kind in rest}
         best = max(rest, key=lambda kind: gains[kind])
         if gains[best] <= 0.0:
             break
@@ -113,7 +121,13 @@ def _whitened(
 
 
 def _gain(
-    unknowns: Unknowns, fit: Fit, seen: Observations, left: WhitenedFit, motor: int, kind: FrictionTermKind
+    unknowns: Unknowns,
+    fit: Fit,
+    seen: Observations,
+    swing: Ints,
+    left: WhitenedFit,
+    motor: int,
+    kind: FrictionTermKind,
 ) -> float:
     """Squares that a term explains with each of its columns; 0 where chance does as much, or it is not worth a word."""
     mine = seen.motor == motor
@@ -125,7 +139,7 @@ def _gain(
     along = directions.T @ left.residual
     rms = float(np.sqrt(np.mean(((directions @ along)[: len(seen)] / left.inverse)[mine] ** 2)))
     coulomb = float(np.mean(np.abs(unknowns.parts(fit.values).friction[motor, 1:])))
-    tries, swing = unknowns.robot.n * len(KINDS), swings_of(unknowns.robot, seen)
+    tries = unknowns.robot.n * len(KINDS)
     if rms <= SMALLEST * coulomb or _chance(directions[: len(seen)], left.residual, swing) >= CHANCE / tries:
         return 0.0
     return float(np.square(along).sum()) / int(directions.shape[1])
