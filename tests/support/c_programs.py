@@ -19,6 +19,7 @@ from qrobot.cli import toolchain
 from qrobot.rccl.c.program import run_executable
 from qrobot.rccl.offline import OfflineLink
 from qrobot.rccl.trace import Trace
+from tests.support.patience import PATIENCE_S
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 CHECKED = ("-O0", "-g", "-fsanitize=address,undefined", "-fno-sanitize-recover")  # a leak or a stray access: status 1
@@ -68,6 +69,12 @@ def compiled_text(text: str, folder: Path, *flags: str, name: str = "program") -
     source = folder / f"{name}.c"
     source.write_text(f'#include "rccl.h"\n{text}')
     return compiled(source, folder, *flags)
+
+
+def ran(program: Path) -> tuple[int, str, str]:
+    """Exit status, output and messages of a program that nobody serves."""
+    done = subprocess.run([program], check=False, capture_output=True, text=True, timeout=PATIENCE_S)
+    return done.returncode, done.stdout, done.stderr
 
 
 def under_valgrind(program: Path) -> Path:

@@ -31,7 +31,7 @@ from qrobot.realtime.setup import may_lock_all
 from qrobot.rig.lockstep import LockstepRig, link_factory
 from qrobot.servo.settings import ServoSettings
 from qrobot.sim_board.emulator import Emulator
-from tests.support.c_programs import CHECKED, EXAMPLES, FOUND, VALGRIND, needs_compiler, needs_valgrind
+from tests.support.c_programs import CHECKED, EXAMPLES, FOUND, VALGRIND, needs_compiler, needs_valgrind, ran
 from tests.support.fake_robot import FakeRobot, TcpRobot
 from tests.support.late_robot import LATE, hear_power_late, lose_power, lose_streams, stop_power_up
 from tests.support.patience import PATIENCE_S, wait_until
@@ -62,6 +62,48 @@ int main(void)
         return 2;
     printf("rci_close: %d\\n", rci_close());
     return 0;
+}
+"""
+FORKS = """
+#include "rci.h"
+#include <malloc.h>
+#include <sys/wait.h>
+#include <unistd.h>
+static RCI_TASK *td;
+static int ends[2];
+static void wait_for_a_letter(RCI_TASK *td)
+{
+    char letter;
+    td->user = read(ends[0], &letter, 1) == 1 ? td : 0;
+}
+static int child_keeps_what_it_closes(void)
+{
+    size_t kept = 0;
+    int i, status;
+    if (fork()) {
+        wait(&status);
+        return WEXITSTATUS(status);
+    }
+    for (i = 0; i < 40; i++) {
+        if (rci_create("own", "") == 0 || rci_close())
+            _exit(4);
+        if (i == 19) /* malloc sets a few pieces aside at first */
+            kept = mallinfo2().uordblks;
+    }
+    _exit(mallinfo2().uordblks == kept ? 0 : 5);
+}
+int main(void)
+{
+    td = rci_create("sensor", "aux");
+    if (td == 0 || pipe(ends) || rci_control(td, wait_for_a_letter, 0, 0) || rci_onclock(td, 1, 0))
+        return 1;
+    if (rci_timeout(td, 0.2) || rci_start(td->bit))
+        return 2;
+    while (rci_state(td) != RCI_ENDED)
+        usleep(1000);
+    if (child_keeps_what_it_closes())
+        return 3;
+    return rci_close() ? 6 : child_keeps_what_it_closes();
 }
 """
 HANDLED = """
@@ -254,11 +296,14 @@ Make = Callable[..., Path]
 
 @pytest.fixture(scope="module")
 def make(tmp_path_factory: pytest.TempPathFactory) -> Make:
-    """Compiles a program of several sources."""
+    """Compiles a program of several sources, or of one that is given as text."""
     folder = tmp_path_factory.mktemp("rci")
 
-    def made(*sources: Path, flags: tuple[str, ...] = STRICT) -> Path:
-        target = folder / f"{sources[0].stem}{len(os.listdir(folder))}"
+    def made(*sources: Path | str, flags: tuple[str, ...] = STRICT) -> Path:
+        target = folder / f"program{len(os.listdir(folder))}"
+        if isinstance(text := sources[0], str):
+            sources = (target.with_suffix(".c"),)
+            sources[0].write_text(text)
         command = toolchain.command_line([*flags, *map(str, sources), "-o", str(target)])
         subprocess.run(command, check=True)
         return target
@@ -289,12 +334,10 @@ def test_the_table_of_two_tasks_in_c_is_that_of_the_example_in_python_s10(
 
 
 def test_tasks_beside_an_arm_of_rccl_are_refused_on_virtual_time_whichever_comes_first(
-    make: Make, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+    make: Make, capfd: pytest.CaptureFixture[str]
 ) -> None:
     """Each would have a time of its own, which stands still while the program waits for the other."""
-    source = tmp_path / "both.c"
-    source.write_text(BOTH)
-    program = make(source, flags=("-Wall", "-Werror"))
+    program = make(BOTH, flags=("-Wall", "-Werror"))
     with rci.use(OfflineLink), rccl.use(OfflineLink):
         for words, status, told in (
             ([], 1, "tasks of RCI are active on virtual time"),
@@ -312,12 +355,10 @@ def test_every_call_does_on_virtual_time_what_the_papers_say(make: Make) -> None
     assert (done.stdout, done.returncode) == ("", 0), done.stderr
 
 
-def test_conversions_and_limits_are_those_of_python_to_the_last_count(make: Make, tmp_path: Path) -> None:
-    source = tmp_path / "conversions.c"
-    source.write_text(CONVERSIONS)
+def test_conversions_and_limits_are_those_of_python_to_the_last_count(make: Make) -> None:
     poses = np.random.default_rng(3).uniform(ROBOT.limits.q_min, ROBOT.limits.q_max, (20, 6))
     text = "\n".join(" ".join(repr(x) for x in pose) for pose in poses.tolist())
-    said = subprocess.run([make(source)], input=text, capture_output=True, text=True, check=True).stdout
+    said = subprocess.run([make(CONVERSIONS)], input=text, capture_output=True, text=True, check=True).stdout
     found = np.array([line.split() for line in said.splitlines()], float).reshape(-1, 6, 4)
     data = RobotData(ROBOT)
     for pose, (counts, back, dac, tau) in zip(poses, found[:-1].transpose(0, 2, 1), strict=True):
@@ -379,10 +420,8 @@ def test_a_hybrid_controller_in_c_makes_a_spring_of_one_joint(make: Make) -> Non
 
 
 @pytest.fixture(scope="module")
-def turns(make: Make, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    source = tmp_path_factory.mktemp("turns") / "turn.c"
-    source.write_text(TURN)
-    return make(source)
+def turns(make: Make) -> Path:
+    return make(TURN)
 
 
 @pytest.mark.parametrize("stops", [False, True])
@@ -407,12 +446,8 @@ def test_it_ends_the_task_when_that_happens_too_often_or_has_moved_the_arm(
 
 
 @pytest.mark.parametrize("how", ["fails", "released"])
-def test_an_arm_that_its_task_in_c_has_left_holding_loses_power_when_that_is_asked_for(
-    make: Make, tmp_path: Path, how: str
-) -> None:
-    source, robot = tmp_path / "left.c", FakeRobot(tuple(PARK))
-    source.write_text(LEFT)
-    program = make(source)
+def test_an_arm_that_its_task_in_c_has_left_holding_loses_power_when_that_is_asked_for(make: Make, how: str) -> None:
+    program, robot = make(LEFT), FakeRobot(tuple(PARK))
     with rci.use(partial(VirtualLink, transfer=robot.transfer)):
         assert run_executable(program, [how, "and no more"]) == 0
         assert robot.mode is Mode.HOLDING
@@ -422,23 +457,19 @@ def test_an_arm_that_its_task_in_c_has_left_holding_loses_power_when_that_is_ask
 
 
 @pytest.mark.realtime
-def test_a_task_in_c_that_is_released_during_its_function_stops_the_arm_with_the_first_command(
-    make: Make, tmp_path: Path
-) -> None:
-    source, robot = tmp_path / "released.c", FakeRobot(tuple(PARK), patience=1 << 30)
-    source.write_text(RELEASED)
+def test_a_task_in_c_that_is_released_during_its_function_stops_the_arm_with_the_first_command(make: Make) -> None:
+    robot = FakeRobot(tuple(PARK), patience=1 << 30)
     with TcpRobot(robot, 0.005) as server:
         environment = os.environ | {"QROBOT_BRIDGE": "{}:{}".format(*server.address)}
-        subprocess.run([make(source)], env=environment, timeout=PATIENCE_S, check=True)
+        subprocess.run([make(RELEASED)], env=environment, timeout=PATIENCE_S, check=True)
     streamed = [any(command.modes) for command in robot.commands]
     last = len(streamed) - streamed[::-1].index(True)
     assert robot.commands[last].stop
 
 
 @pytest.mark.realtime
-def test_of_many_states_that_come_at_once_a_task_in_c_takes_the_newest(make: Make, tmp_path: Path) -> None:
-    source, robot = tmp_path / "heard.c", FakeRobot(tuple(PARK), patience=1 << 30)
-    source.write_text(HEARD)
+def test_of_many_states_that_come_at_once_a_task_in_c_takes_the_newest(make: Make) -> None:
+    robot = FakeRobot(tuple(PARK), patience=1 << 30)
     tell = robot.tell
 
     def tell_many() -> bytes:
@@ -450,7 +481,7 @@ def test_of_many_states_that_come_at_once_a_task_in_c_takes_the_newest(make: Mak
     with TcpRobot(robot, 0.005) as server:
         environment = os.environ | {"QROBOT_BRIDGE": "{}:{}".format(*server.address)}
         said = subprocess.run(
-            [make(source)], env=environment, timeout=PATIENCE_S, check=True, capture_output=True, text=True
+            [make(HEARD)], env=environment, timeout=PATIENCE_S, check=True, capture_output=True, text=True
         ).stdout
     rows = np.array([line.split() for line in said.splitlines()], float)
     steps = np.diff(rows, axis=0)
@@ -476,10 +507,10 @@ def test_an_arm_that_brakes_and_loses_its_power_is_asked_for_it_in_c_too(turns: 
 
 
 def test_a_signal_ends_a_program_that_waits_for_an_emulated_arm(make: Make, tmp_path: Path) -> None:
-    source, noted = tmp_path / "noted.c", tmp_path / "process"
+    noted = tmp_path / "process"
     note = 'FILE *file = fopen(words[1], "w");\n    if (n < 2 || fprintf(file, "%d", getpid()) < 0 || fclose(file))'
     text = TURN.replace("main(void)\n{", f"main(int n, char **words)\n{{\n    {note}\n        return 9;")
-    source.write_text(f"#include <stdio.h>\n#include <unistd.h>\n{text}")
+    program = make(f"#include <stdio.h>\n#include <unistd.h>\n{text}", flags=STRICT[1:])
     robot, seen = FakeRobot(tuple(PARK)), []
 
     def transfer(data: bytes) -> bytes:
@@ -492,7 +523,7 @@ def test_a_signal_ends_a_program_that_waits_for_an_emulated_arm(make: Make, tmp_
         return robot.transfer(data)
 
     with rci.use(partial(VirtualLink, transfer=transfer)):
-        assert run_executable(make(source, flags=STRICT[1:]), [str(noted)]) == 128 + signal.SIGTERM
+        assert run_executable(program, [str(noted)]) == 128 + signal.SIGTERM
     assert len(seen) == 1
     assert seen[0]
 
@@ -542,33 +573,28 @@ def test_tasks_of_several_processors_in_real_time_leave_nothing_to_find(make: Ma
 
 
 @pytest.mark.realtime
-def test_a_program_in_c_ends_while_a_function_of_a_task_does_not_come_back(make: Make, tmp_path: Path) -> None:
-    source = tmp_path / "blocked.c"
-    source.write_text(BLOCKED)
-    done = subprocess.run(
-        [make(source, flags=STRICT[1:])], capture_output=True, text=True, timeout=PATIENCE_S, check=True
-    )
-    assert done.stdout == "rci_close: -1\n"
+def test_a_program_in_c_ends_while_a_function_of_a_task_does_not_come_back(make: Make) -> None:
+    status, said, _ = ran(make(BLOCKED, flags=STRICT[1:]))
+    assert (status, said) == (0, "rci_close: -1\n")
 
 
 @pytest.mark.realtime
-def test_handlers_of_signals_may_ask_and_exit_whatever_call_they_interrupt(make: Make, tmp_path: Path) -> None:
-    source = tmp_path / "handled.c"
-    source.write_text(HANDLED)
-    done = subprocess.run(
-        [make(source, flags=STRICT[1:])], capture_output=True, text=True, timeout=PATIENCE_S, check=False
-    )
-    assert (done.returncode, done.stderr) == (0, "")
+def test_a_child_of_a_program_that_has_given_a_function_up_frees_what_it_closes(make: Make) -> None:
+    """None of its parent's threads is there, before the parent closes its tasks and after."""
+    status, _, _ = ran(make(FORKS, flags=STRICT[1:]))
+    assert status == 0
 
 
 @pytest.mark.realtime
-def test_the_memory_of_a_program_with_tasks_is_locked_where_that_is_allowed(make: Make, tmp_path: Path) -> None:
-    source = tmp_path / "locked.c"
-    source.write_text(LOCKED)
-    done = subprocess.run(
-        [make(source, flags=("-O2",))], capture_output=True, text=True, timeout=PATIENCE_S, check=True
-    )
-    kept = {name: int(re.search(rf"{name}:\s+(\d+) kB", done.stdout)[1]) for name in ("VmLck", "VmSize")}
+def test_handlers_of_signals_may_ask_and_exit_whatever_call_they_interrupt(make: Make) -> None:
+    assert ran(make(HANDLED, flags=STRICT[1:])) == (0, "", "")
+
+
+@pytest.mark.realtime
+def test_the_memory_of_a_program_with_tasks_is_locked_where_that_is_allowed(make: Make) -> None:
+    status, said, _ = ran(make(LOCKED, flags=("-O2",)))
+    assert status == 0
+    kept = {name: int(re.search(rf"{name}:\s+(\d+) kB", said)[1]) for name in ("VmLck", "VmSize")}
     assert (kept["VmLck"] > kept["VmSize"] // 2) is may_lock_all()
 
 

@@ -16,6 +16,7 @@
 #include "qrobot_wire.h"
 #include "rci.h"
 #include <pthread.h>
+#include <signal.h>
 
 #define NS INT64_C(1000000000)
 #define TEXT_BYTES 512
@@ -94,6 +95,7 @@ struct program {
     struct processor *processors;
     pthread_t parent_thread, watch;
     struct area *areas;
+    struct seat *lost_seats;       /* of threads that never came back */
 };
 
 extern struct program rci_program;
@@ -103,6 +105,7 @@ extern const int rci_robot_count;
 /* program.c */
 int rci_fail(const char *format, ...) __attribute__((format(printf, 1, 2)));
 void rci_begin(void);
+void rci_block_signals(sigset_t *before); /* all of them, in this thread */
 void rci_signals_are_blocked(void); /* in a thread of ours, which has all signals blocked */
 void rci_lock(void);
 void rci_unlock(void);

@@ -2,7 +2,6 @@
 #include "inside.h"
 
 #include <sched.h>
-#include <signal.h>
 #include <sys/mman.h>
 #include <sys/prctl.h>
 #include <sys/resource.h>
@@ -11,8 +10,6 @@
 #define SILENT_NS (2 * NS)     /* a robot that says nothing for so long is gone */
 #define LOOK_NS (NS / 10)
 #define CAP_IPC_LOCK 14        /* linux/capability.h */
-
-static struct seat *lost_seats; /* of threads that never came back */
 
 /* The number behind a prefix: -1 without one, -2 when that is not what the name is. */
 static int number_of(const char *name, const char *prefix)
@@ -304,7 +301,7 @@ static void lock_memory(void)
 static int take_seat(struct processor *processor)
 {
     struct seat *seat = calloc(1, sizeof *seat);
-    sigset_t all, before;
+    sigset_t before;
     int error;
 
     if (seat == NULL)
@@ -314,8 +311,7 @@ static int take_seat(struct processor *processor)
     if (rci_program.virtual_time)
         return 0;
     lock_memory();
-    sigfillset(&all);
-    pthread_sigmask(SIG_SETMASK, &all, &before);
+    rci_block_signals(&before);
     error = pthread_create(&seat->thread, NULL, run, seat);
     pthread_sigmask(SIG_SETMASK, &before, NULL);
     if (error == 0)
@@ -342,8 +338,8 @@ void rci_give_up(struct seat *seat)
                  (double)seat->running->inside->allowed_ns * 1e-9);
     pthread_setschedparam(seat->thread, SCHED_OTHER, &none);
     pthread_detach(seat->thread);
-    seat->next_lost = lost_seats;
-    lost_seats = seat;
+    seat->next_lost = rci_program.lost_seats;
+    rci_program.lost_seats = seat;
     take_seat(seat->processor);
 }
 
@@ -379,7 +375,7 @@ static void forget_processor(struct processor *processor)
 /* Forget threads that came back after all. Returns how many have not. */
 static int count_lost(void)
 {
-    struct seat **at = &lost_seats;
+    struct seat **at = &rci_program.lost_seats;
     int lost = 0;
 
     while (*at != NULL) {

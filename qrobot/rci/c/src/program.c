@@ -3,7 +3,6 @@
 
 #include <ctype.h>
 #include <sched.h>
-#include <signal.h>
 
 struct program rci_program;
 __thread RCI_TASK *rci_current; /* whose function runs in this thread; 0 in the planning program */
@@ -34,7 +33,7 @@ void rci_signals_are_blocked(void)
     blocked = 1;
 }
 
-static void block_signals(sigset_t *before)
+void rci_block_signals(sigset_t *before)
 {
     sigset_t all;
 
@@ -46,7 +45,7 @@ static void block_signals(sigset_t *before)
 void rci_lock(void)
 {
     if (!blocked)
-        block_signals(&mask_before);
+        rci_block_signals(&mask_before);
     pthread_mutex_lock(&rci_program.lock);
 }
 
@@ -79,14 +78,16 @@ static void make_lock(void)
     pthread_mutexattr_destroy(&attributes);
 }
 
-/* A child of the program has none of its threads, so none of its tasks once these have them. */
+/* A child of the program has none of its threads, lost ones included, so none of its tasks once these have them. */
 static void forget_in_child(void)
 {
     static struct program parents; /* reachable, for those who look for leaks */
 
+    if (rci_program.sealed || rci_program.lost_seats != NULL)
+        parents = rci_program;
+    rci_program.lost_seats = NULL;
     if (!rci_program.sealed)
         return;
-    parents = rci_program;
     memset(&rci_program, 0, sizeof rci_program);
     rci_current = NULL;
     make_lock();
@@ -292,7 +293,7 @@ int rci_close(void)
     if (mask != 0 && rci_program.sealed)
         rci_release(mask);
     rci_processors_end();
-    block_signals(&before); /* a handler may end the program, whose tasks are either there or not */
+    rci_block_signals(&before); /* a handler may end the program, whose tasks are either there or not */
     rci_watch_end();
     lost = rci_processors_forget();
     rci_lock();

@@ -1,8 +1,6 @@
 /* The watch over tasks that run too long, in real time. */
 #include "inside.h"
 
-#include <signal.h>
-
 #define WATCH_NS (NS / 200)
 
 static void look(void)
@@ -38,14 +36,13 @@ static void *watch(void *argument)
 
 int rci_watch_start(void)
 {
-    sigset_t all, before;
+    sigset_t before;
     int error;
 
     if (rci_program.watching || rci_program.virtual_time)
         return 0;
     rci_program.watch_over = 0;
-    sigfillset(&all);
-    pthread_sigmask(SIG_SETMASK, &all, &before);
+    rci_block_signals(&before);
     error = pthread_create(&rci_program.watch, NULL, watch, NULL);
     pthread_sigmask(SIG_SETMASK, &before, NULL);
     rci_program.watching = error == 0;
