@@ -167,10 +167,8 @@ def test_a_servo_that_dies_while_it_powers_up(way: str) -> None:
 @pytest.mark.parametrize("way", ways("gateway"))
 def test_a_servo_that_dies_while_a_request_for_power_is_withdrawn(way: str) -> None:
     bench = DyingBench(way)
-    bench.panel = False
-    bench.tick(8)
-    bench.mailbox.request_power(True)
-    bench.tick(3)
+    bench.tick(5)
+    bench.wait_for_power()
     assert bench.mode is Mode.POWERING
     bench.mailbox.request_power(False)
     dies_everywhere(bench, 8)

@@ -262,6 +262,13 @@ class ServoBench:
         self.until(lambda: self.mode in (Mode.HOLDING, Mode.UNCALIBRATED))
         return self
 
+    def wait_for_power(self) -> ServoBench:
+        """Power asked for, which nobody lets come on at the panel."""
+        self.panel = False
+        self.tick(3)
+        self.mailbox.request_power(True)
+        return self.tick(20)
+
     def skip(self, n: int) -> None:
         """The loop misses so many cycles."""
         self.now_ns += n * self.settings.period_ns

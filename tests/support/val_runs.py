@@ -21,6 +21,13 @@ from tests.support.fake_robot import FakeRobot
 
 EXAMPLES = Path(__file__).parents[2] / "examples/val"
 
+PLACES = """
+.LOCATIONS
+a 450 150 0 90 90 0
+b 450 -150 0 90 90 0
+.END
+"""
+
 
 class Typed(list[str]):
     """The lines that programs typed, and the answers that they get."""
@@ -71,6 +78,13 @@ def interpreter(
         run.machine.arm.override = 100.0
         run.machine.load(source)
         yield run, typed
+
+
+def number(run: Interpreter, name: str) -> float:
+    """The value of a variable of that name, which is a number."""
+    value = run.machine.values[name, ()]
+    assert isinstance(value, float)
+    return value
 
 
 def main_program(*lines: str, rest: str = "") -> str:

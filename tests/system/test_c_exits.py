@@ -5,54 +5,21 @@ from __future__ import annotations
 import os
 import signal
 import subprocess
-from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
 
-from qrobot import rccl
-from qrobot.rccl.c.program import run_executable
-from qrobot.rci import VirtualLink
 from qrobot.wire import Mode
-from tests.support.c_programs import compiled_text, needs_compiler
-from tests.support.fake_robot import FakeRobot
-from tests.support.patience import PATIENCE_S
+from tests.support.c_programs import compiled_text, needs_compiler, ran
+from tests.support.faked_c_programs import MOVING, Run, part_of_the_way, rests_on_its_way, robot, run
 from tests.support.processes import FIRST_START_S
 from tests.support.puma import PARK
 
+__all__ = ["robot", "run"]  # the fixtures
+
 pytestmark = [needs_compiler, pytest.mark.usefixtures("own_cache")]
 
-MOVING = """
-    POS_PTR p = jposition("P", 40., -90., 180., 0., 0., 0.);
-    control(each);
-    setime(100, 4000);
-    move(p);
-    waitas(p->scal > .3)
-    moving = 1;
-"""
-Run = Callable[[str], int]
-
-
-@pytest.fixture
-def robot() -> Iterator[FakeRobot]:
-    fake = FakeRobot(tuple(PARK))
-    with rccl.use(lambda hello: VirtualLink(hello, fake.transfer)):
-        yield fake
-
-
-@pytest.fixture
-def run(robot: FakeRobot, tmp_path: Path) -> Run:
-    """The exit status of a program with this text."""
-    return lambda text: run_executable(compiled_text(text, tmp_path))
-
-
-def is_on_its_way(robot: FakeRobot) -> bool:
-    return 0.1 < robot.path[-1][0] - PARK[0] < 0.6
-
-
-def rests_on_its_way(robot: FakeRobot) -> bool:
-    """The program let go of it in order: whoever breaks off leaves it tracking."""
-    return bool(robot.goodbyes) and robot.mode is Mode.HOLDING and is_on_its_way(robot)
+SAMPLED = f"control(each); {MOVING} moving = 1;"  # after which each() may see that it moves
 
 
 @pytest.mark.parametrize(
@@ -76,7 +43,7 @@ def test_a_handler_that_interrupts_a_call_ends_the_program_and_the_arm_rests_fir
     int moving;
     each() {{ if (moving) {{ moving = 0; kill(getpid(), SIGINT); }} }}
     onintr() {{ {handler} }}
-    main() {{ signal(SIGINT, onintr); mess = "taken apart"; {MOVING}
+    main() {{ signal(SIGINT, onintr); mess = "taken apart"; {SAMPLED}
               if (setjmp(back) == 0) waitfor(completed)
               move(park); return 0; }}
     """
@@ -92,12 +59,12 @@ def test_a_function_at_a_sample_may_end_the_program(status: int, run: Run, robot
     int moving;
     FILE *log;
     each() {{ if (moving) {{ fprintf(log, "bad\\n"); exit({status}); }} }}
-    main() {{ log = fopen("{tmp_path}/log", "w"); {MOVING} waitfor(completed) return 5; }}
+    main() {{ log = fopen("{tmp_path}/log", "w"); {SAMPLED} waitfor(completed) return 5; }}
     """
     assert run(text) == status
     assert capfd.readouterr().err == ""
     assert (tmp_path / "log").read_text() == "bad\n"
-    assert is_on_its_way(robot)
+    assert part_of_the_way(robot)
 
 
 def test_an_interrupt_that_meets_a_function_which_asks_ends_as_any_other(run: Run, robot, capfd) -> None:
@@ -107,7 +74,7 @@ def test_an_interrupt_that_meets_a_function_which_asks_ends_as_any_other(run: Ru
     int moving;
     TRSF_PTR a;
     each() {{ int i; if (moving) {{ moving = 0; kill(getpid(), SIGINT); for (i = 0; i < 500; i++) trmult(a, a, a); }} }}
-    main() {{ a = newtrans("A", varb); {MOVING} waitfor(completed) }}
+    main() {{ a = newtrans("A", varb); {SAMPLED} waitfor(completed) }}
     """
     assert run(text) == 130
     assert capfd.readouterr().err == "\nprogram: interrupted; the arm is brought to rest\n"
@@ -174,19 +141,14 @@ int main(void)
 
 
 def test_tasks_outlast_the_handlers_of_exit_and_no_child_waits_for_their_threads(tmp_path: Path) -> None:
-    program = compiled_text(TASK, tmp_path)
-    done = subprocess.run([program], check=False, capture_output=True, text=True, timeout=PATIENCE_S)
-    assert (done.returncode, done.stdout, done.stderr) == (0, "ran\n", "")
+    assert ran(compiled_text(TASK, tmp_path)) == (0, "ran\n", "")
 
 
 def test_a_program_that_goes_into_the_background_before_its_tasks_start_takes_them_along(tmp_path: Path) -> None:
     text = TASK.replace(
         "    if (rci_start", "    if (fork()) { wait(&status); _exit(WEXITSTATUS(status)); }\n    if (rci_start"
     )
-    done = subprocess.run(
-        [compiled_text(text, tmp_path)], check=False, capture_output=True, text=True, timeout=PATIENCE_S
-    )
-    assert (done.returncode, done.stdout, done.stderr) == (0, "ran\n", "")
+    assert ran(compiled_text(text, tmp_path)) == (0, "ran\n", "")
 
 
 def test_a_program_that_waits_for_all_its_children_does_not_wait_for_its_engine(tmp_path: Path) -> None:
@@ -212,7 +174,7 @@ def test_a_child_that_lives_on_does_not_hide_the_crash_of_its_program(
         int child;
         FILE *file;
         {born if first else ""}
-        {MOVING}
+        {SAMPLED}
         {"" if first else born}
         fprintf(file = fopen("{tmp_path}/child", "w"), "%d", child);
         fclose(file);

@@ -7,13 +7,12 @@ import re
 import signal
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from qrobot import rccl
 from qrobot.c_transport import engine
 from qrobot.cli import toolchain
 from qrobot.cli.console import run_app
@@ -21,22 +20,16 @@ from qrobot.cli.main import make_app
 from qrobot.errors import ConfigError, LinkLost
 from qrobot.faultcodes import FaultCode
 from qrobot.rccl.c.program import run_executable
-from qrobot.rci import VirtualLink
 from qrobot.wire import Mode
 from tests.support.c_programs import compiled_text, needs_compiler
 from tests.support.fake_robot import FakeRobot
+from tests.support.faked_c_programs import MOVING, Run, at_rest, rests_on_its_way, robot, run
 from tests.support.patience import give_time, wait_until
-from tests.support.puma import PARK
 from tests.support.signals import default_signals
 
-pytestmark = pytest.mark.usefixtures("own_cache")
+__all__ = ["robot", "run"]  # the fixtures
 
-MOVING = """
-    POS_PTR p = jposition("P", 40., -90., 180., 0., 0., 0.);
-    setime(100, 4000);
-    move(p);
-    waitas(p->scal > .3)
-"""
+pytestmark = pytest.mark.usefixtures("own_cache")
 
 
 @pytest.fixture(autouse=True)
@@ -44,31 +37,6 @@ def hearing() -> Iterator[None]:
     """Programs hear every signal."""
     with default_signals(signal.SIGHUP, signal.SIGTERM):
         yield
-
-
-@pytest.fixture
-def robot() -> Iterator[FakeRobot]:
-    fake = FakeRobot(tuple(PARK))
-    with rccl.use(lambda hello: VirtualLink(hello, fake.transfer)):
-        yield fake
-
-
-Run = Callable[[str], int]
-
-
-@pytest.fixture
-def run(robot: FakeRobot, tmp_path: Path) -> Run:
-    """The exit status of a program with this text."""
-    return lambda text: run_executable(compiled_text(text, tmp_path))
-
-
-def at_rest(robot: FakeRobot) -> bool:
-    """The program let go of it in order: whoever breaks off leaves it tracking."""
-    return robot.goodbyes and robot.mode is Mode.HOLDING
-
-
-def part_of_the_way(robot: FakeRobot) -> bool:
-    return 0.1 < robot.path[-1][0] - PARK[0] < 0.6
 
 
 @needs_compiler
@@ -83,8 +51,7 @@ def part_of_the_way(robot: FakeRobot) -> bool:
 )
 def test_however_a_program_ends_its_arm_comes_to_rest_on_its_way(last: str, status: int, run: Run, robot) -> None:
     assert run(f"main() {{ {MOVING} {last} }}") == status
-    assert at_rest(robot)
-    assert part_of_the_way(robot)
+    assert rests_on_its_way(robot)
 
 
 @needs_compiler
@@ -94,8 +61,7 @@ def test_a_program_in_an_endless_loop_is_ended_by_a_signal_and_says_its_mess(
 ) -> None:
     loop = f'mess = "taken apart"; {MOVING} kill(getpid(), {name}); for (;;);'
     assert run(f"#include <signal.h>\nmain() {{ {loop} }}") == status
-    assert at_rest(robot)
-    assert part_of_the_way(robot)
+    assert rests_on_its_way(robot)
     said = capfd.readouterr().err
     assert "program: interrupted; the arm is brought to rest\ntaken apart\n" in said
 
@@ -121,8 +87,7 @@ def test_a_terminal_that_is_closed_ends_its_program_in_order(robot, tmp_path: Pa
     window.write_text(f"#!/bin/sh\nexec {sys.executable} {tmp_path}/terminal.py {compiled_text(text, tmp_path)}\n")
     window.chmod(0o755)
     assert run_executable(window) == 129
-    assert at_rest(robot)
-    assert part_of_the_way(robot)
+    assert rests_on_its_way(robot)
 
 
 @needs_compiler

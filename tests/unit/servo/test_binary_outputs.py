@@ -215,10 +215,7 @@ def test_a_board_lost_for_less_than_its_timeout_switches_off_as_one_lost_for_lon
 
 
 def test_power_that_was_asked_for_is_not_waited_for_when_its_board_has_been_lost_meanwhile() -> None:
-    bench = ServoBench(board_timeout_ms=20.0).tick(3)
-    bench.panel = False
-    bench.mailbox.request_power(True)
-    bench.tick(2)
+    bench = ServoBench(board_timeout_ms=20.0).wait_for_power()
     assert bench.mode is Mode.POWERING
     bench.board.facts.losses += 1
     bench.tick()

@@ -25,14 +25,6 @@ POWER_UP = [(Mode.OFF, Mode.POWERING), (Mode.POWERING, Mode.HOLDING)]
 # ------------------------------------------------------------------------------------------------- what a code leads to
 
 
-def powering() -> ServoBench:
-    bench = ServoBench()
-    bench.panel = False
-    bench.tick(3)
-    bench.mailbox.request_power(True)
-    return bench.tick(20)
-
-
 def in_motion() -> ServoBench:
     bench = ServoBench()
     moving(bench)
@@ -40,7 +32,7 @@ def in_motion() -> ServoBench:
 
 
 IN_MODE: dict[Mode, Callable[[], ServoBench]] = {
-    Mode.POWERING: powering,
+    Mode.POWERING: lambda: ServoBench().wait_for_power(),
     Mode.UNCALIBRATED: lambda: ServoBench(calibrated=False).hold(),
     Mode.HOLDING: lambda: ServoBench().hold(),
     Mode.TRACKING: in_motion,
@@ -85,11 +77,7 @@ def test_power_goes_on_through_powering_into_holding() -> None:
 
 
 def test_power_is_enabled_after_zero_torque_was_set_and_torque_only_flows_with_power_on() -> None:
-    bench = ServoBench()
-    bench.panel = False
-    bench.tick(3)
-    bench.mailbox.request_power(True)
-    bench.tick(20)
+    bench = ServoBench().wait_for_power()
     written = writes_at(bench, next(write.t_ns for write in bench.writes if write.value & DISCRETE_POWER))
     assert written[-1][0] == DISCRETE
     assert written[:-1] == [(DAC + 2 * channel, DAC_ZERO) for channel in range(N_DACS)]
@@ -190,7 +178,7 @@ def test_a_request_that_was_down_for_less_than_a_cycle_is_one_made_anew(taken: b
 
 
 def test_a_stop_before_power_is_on_takes_the_request_back() -> None:
-    bench = powering()
+    bench = ServoBench().wait_for_power()
     bench.mailbox.request_stop()
     bench.tick()
     assert (bench.mode, bench.state.event) == (Mode.OFF, FaultCode.POWER_STOPPED)

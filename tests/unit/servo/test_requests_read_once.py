@@ -54,11 +54,7 @@ def watch_stops(params: Any, state: Any, mail: Any, now_ns: int, last: int, look
 
 
 def test_every_stop_that_is_seen_is_obeyed_beside_a_thread_that_asks_for_them() -> None:
-    bench = ServoBench()
-    bench.panel = False
-    bench.tick(3)
-    bench.mailbox.request_power(True)
-    bench.tick(5)
+    bench = ServoBench().wait_for_power()
     assert bench.mode is Mode.POWERING
     mail = callable_block(bench.mail)
     watched = callable_block(in_python(bench.params)), callable_block(bench.state), mail, bench.now_ns

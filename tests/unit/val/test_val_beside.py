@@ -6,8 +6,8 @@ from typing import Final
 
 import pytest
 
-from qrobot.val.interpreter import Interpreter, RunState
-from tests.support.val_runs import EXAMPLES, interpreter, main_program
+from qrobot.val.interpreter import RunState
+from tests.support.val_runs import EXAMPLES, interpreter, main_program, number
 
 WITHOUT_END: Final = "06_process_control.v2", "12_touch_a_plane.v2"
 COUNT: Final = """
@@ -25,12 +25,6 @@ n 0
 """
 
 
-def _counted(run: Interpreter) -> float:
-    value = run.machine.values["n", ()]
-    assert isinstance(value, float)
-    return value
-
-
 @pytest.mark.parametrize("name", WITHOUT_END)
 def test_an_example_with_a_process_control_program_without_end_can_be_run_again(name: str) -> None:
     with interpreter((EXAMPLES / name).read_text()) as (run, _):
@@ -41,14 +35,14 @@ def test_an_example_with_a_process_control_program_without_end_can_be_run_again(
 def test_a_process_control_program_ends_when_another_program_is_executed() -> None:
     with interpreter(main_program("PCEXECUTE count, -1", "DELAY 0.5", "SIGNAL 99", rest=COUNT)) as (run, _):
         assert run.execute("main") is RunState.FAILED
-        counted = _counted(run)
+        counted = number(run, "n")
         assert counted > 2.0
         assert run.execute("other") is RunState.COMPLETED
-        assert _counted(run) == counted
+        assert number(run, "n") == counted
 
 
 def test_one_that_runs_already_is_left_as_it_is() -> None:
     lines = "PCEXECUTE count, 20", "DELAY 0.2", "PCEXECUTE count, -1", "DELAY 2", "PCEXECUTE count, 5", "DELAY 1"
     with interpreter(main_program(*lines, rest=COUNT)) as (run, _):
         assert run.execute("main") is RunState.COMPLETED, run.message
-        assert _counted(run) == 25.0
+        assert number(run, "n") == 25.0

@@ -4,24 +4,12 @@ from __future__ import annotations
 
 import pytest
 
-from qrobot.val.interpreter import Interpreter, RunState
+from qrobot.val.interpreter import RunState
 from qrobot.val.source import print_source, read_source
 from qrobot.val.vocabulary import LOCATION_VALUES, NUMBER_VALUES
-from tests.support.val_runs import interpreter, main_program
+from tests.support.val_runs import PLACES, interpreter, main_program, number
 
-PLACES = """
-.LOCATIONS
-a 450 150 0 90 90 0
-b 450 -150 0 90 90 0
-.END
-"""
 TWICE = ".PROGRAM twice(n)\nn = 2*n\n.END\n"
-
-
-def _number(run: Interpreter, name: str) -> float:
-    value = run.machine.values[name, ()]
-    assert isinstance(value, float)
-    return value
 
 
 @pytest.mark.parametrize("word", sorted(NUMBER_VALUES))
@@ -29,7 +17,7 @@ def test_a_word_that_is_a_number_is_handed_by_its_value_which_the_call_may_chang
     program = main_program(f"CALL take({word})", f"y = {word}", rest=".PROGRAM take(n)\nx = n\nn = 7\n.END\n")
     with interpreter(program) as (run, _):
         assert run.execute("main") is RunState.COMPLETED, run.message
-        assert [_number(run, "x"), _number(run, "y")] == [NUMBER_VALUES[word]] * 2
+        assert [number(run, "x"), number(run, "y")] == [NUMBER_VALUES[word]] * 2
 
 
 @pytest.mark.parametrize("word", sorted(LOCATION_VALUES))
@@ -39,7 +27,7 @@ def test_a_word_that_is_a_place_is_handed_as_it_is_at_the_call(word: str) -> Non
     take = ".PROGRAM take(place)\nTOOL\nBASE 0\nMOVE b\nBREAK\nSET x = place\n.END\n"
     with interpreter(main_program(*lines, "x = DISTANCE(x, was)", rest=take + PLACES)) as (run, _):
         assert run.execute("main") is RunState.COMPLETED, run.message
-        assert _number(run, "x") == pytest.approx(0.0, abs=1e-9)
+        assert number(run, "x") == pytest.approx(0.0, abs=1e-9)
 
 
 @pytest.mark.parametrize(("given", "x"), [("x", 6.0), ("(x)", 3.0), ("((x))", 3.0), ("x+0", 3.0)])
@@ -49,7 +37,7 @@ def test_a_variable_in_parentheses_is_handed_by_its_value(given: str, x: float) 
     assert errors == []
     with interpreter(print_source(source)) as (run, _):
         assert run.execute("main") is RunState.COMPLETED, run.message
-        assert _number(run, "x") == x
+        assert number(run, "x") == x
 
 
 def test_a_place_in_parentheses_is_that_place() -> None:
@@ -57,14 +45,14 @@ def test_a_place_in_parentheses_is_that_place() -> None:
     take = ".PROGRAM take(place)\nSET place = b\n.END\n"
     with interpreter(main_program(*lines, rest=take + PLACES)) as (run, _):
         assert run.execute("main") is RunState.COMPLETED, run.message
-        assert _number(run, "x") == pytest.approx(0.0, abs=1e-9)
+        assert number(run, "x") == pytest.approx(0.0, abs=1e-9)
 
 
 def test_random_needs_no_parentheses() -> None:
     with interpreter(main_program("x = RANDOM", "y = random()")) as (run, _):
         assert run.execute("main") is RunState.COMPLETED, run.message
-        assert 0.0 <= _number(run, "x") < 1.0
-        assert _number(run, "y") != _number(run, "x")
+        assert 0.0 <= number(run, "x") < 1.0
+        assert number(run, "y") != number(run, "x")
 
 
 def test_values_of_a_call_end_with_it() -> None:
@@ -74,7 +62,7 @@ def test_values_of_a_call_end_with_it() -> None:
     lines = "FOR i = 1 TO 50", "CALL outer(i+1)", "END"
     with interpreter(main_program(*lines, rest=outer + deep)) as (run, _):
         assert run.execute("main") is RunState.COMPLETED, run.message
-        assert _number(run, "x") == 52.0
+        assert number(run, "x") == 52.0
         assert set(run.machine.values) == {("i", ()), ("x", ())}
 
 
@@ -101,7 +89,7 @@ def test_a_loop_that_is_entered_in_its_middle_goes_on_with_its_variable(
     with interpreter(main_program(*lines)) as (run, _):
         run.machine.values["i", ()], run.machine.values["x", ()] = 2.0, 0.0
         assert run.execute("main", step=step) is RunState.COMPLETED, run.message
-        assert _number(run, "x") == value
+        assert number(run, "x") == value
 
 
 def test_a_loop_that_is_entered_in_its_middle_without_a_value_is_a_mistake_which_retry_does_again() -> None:
@@ -112,4 +100,4 @@ def test_a_loop_that_is_entered_in_its_middle_without_a_value_is_a_mistake_which
         assert "the value of i is not defined" in run.message
         run.do("i = 2")
         assert run.retry() is RunState.COMPLETED, run.message
-        assert _number(run, "x") == 1.0  # it goes on with 3, and does not begin again
+        assert number(run, "x") == 1.0  # it goes on with 3, and does not begin again

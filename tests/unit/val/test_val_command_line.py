@@ -14,9 +14,7 @@ from qrobot.cli.val import _execute
 from qrobot.rccl.offline import OfflineLink
 from qrobot.rci import Link
 from qrobot.wire import Hello
-from tests.support.val_runs import interpreter, main_program
-
-PLACES = ".LOCATIONS\na 450 150 0 90 90 0\nb 450 -150 0 90 90 0\n.END"
+from tests.support.val_runs import PLACES, interpreter, main_program
 
 
 def test_ctrl_c_brings_the_arm_to_rest_and_tells_the_line(capsys: pytest.CaptureFixture[str]) -> None:

@@ -34,7 +34,7 @@ from qrobot.val.values import (
 from qrobot.val.workspace import Workspace
 from tests.support.fake_robot import FakeRobot
 from tests.support.puma import PARK, ROBOT
-from tests.support.val_runs import EXAMPLES, faked_arm, interpreter, main_program
+from tests.support.val_runs import EXAMPLES, faked_arm, interpreter, main_program, number
 
 PLACES = """
 .LOCATIONS
@@ -95,9 +95,7 @@ def result(*lines: str, rest: str = "") -> float:
     """The number x after these lines."""
     with interpreter(main_program(*lines, rest=rest)) as (run, _):
         assert run.execute("main") is RunState.COMPLETED, run.message
-        value = run.machine.values["x", ()]
-        assert isinstance(value, float)
-        return value
+        return number(run, "x")
 
 
 @pytest.mark.parametrize(
@@ -362,9 +360,7 @@ def test_a_mistake_in_a_reaction_is_retried_and_the_stopped_motion_counts_as_end
         assert run.retry() is RunState.FAILED  # the same step
         run.machine.values["z", ()] = 1.0
         assert run.retry() is RunState.COMPLETED
-        stopped_at = run.machine.values["y", ()]
-        assert isinstance(stopped_at, float)
-        assert -20.0 < stopped_at < 50.0
+        assert -20.0 < number(run, "y") < 50.0
 
 
 def test_next_does_single_steps() -> None:

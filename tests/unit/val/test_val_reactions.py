@@ -4,25 +4,13 @@ from __future__ import annotations
 
 import pytest
 
-from qrobot.val.interpreter import Interpreter, RunState
-from tests.support.val_runs import interpreter, main_program
+from qrobot.val.interpreter import RunState
+from tests.support.val_runs import PLACES, interpreter, main_program, number
 
-PLACES = """
-.LOCATIONS
-a 450 150 0 90 90 0
-b 450 -150 0 90 90 0
-.END
-"""
 NEAR_B = "\n.PROGRAM p\nWAIT DISTANCE(HERE, b) < 200\nSIGNAL 2001\n.END\n"
 SOON = "\n.PROGRAM p\nWAIT TIMER(1) > 0.2\nSIGNAL 2001\n.END\n"
 WHERE = ".PROGRAM r\nwhere = DY(HERE)\n.END\n"
 TO_B = "TIMER 1 = 0", "PCEXECUTE p", "MOVE a", "SPEED 20", "MOVES b"
-
-
-def _number(run: Interpreter, name: str) -> float:
-    value = run.machine.values[name, ()]
-    assert isinstance(value, float)
-    return value
 
 
 @pytest.mark.parametrize(
@@ -41,7 +29,7 @@ def test_a_signal_stops_the_arm_in_the_last_motion_too(end: tuple[str, ...], res
     with interpreter(program, library=library) as (run, typed):
         assert run.execute("main") is RunState.COMPLETED, run.message
         assert typed == []
-        assert 0.0 < _number(run, "where") < 50.0  # mm; the signal came at 50
+        assert 0.0 < number(run, "where") < 50.0  # mm; the signal came at 50
         assert run.machine.frame("here")[1, 3] > 0.0
 
 
@@ -84,9 +72,9 @@ def test_a_question_is_asked_when_the_arm_stands_so_a_signal_stops_it_before(bes
         run.machine.ask = ask
         assert run.execute("main") is RunState.COMPLETED, run.message
         assert stood == [True]
-        assert _number(run, "x") == 7.0
-        assert 0.0 < _number(run, "where") < 50.0
-        assert _number(run, "y") == pytest.approx(_number(run, "where"), abs=0.1)
+        assert number(run, "x") == 7.0
+        assert 0.0 < number(run, "where") < 50.0
+        assert number(run, "y") == pytest.approx(number(run, "where"), abs=0.1)
 
 
 def test_a_reaction_between_steps_is_called_between_steps_that_wait() -> None:
@@ -94,7 +82,7 @@ def test_a_reaction_between_steps_is_called_between_steps_that_wait() -> None:
     lines = "REACT 2001, r", "TIMER 1 = 0", "PCEXECUTE p", "MOVE a", "BREAK", "MOVES b", "BREAK", "MOVES a", "BREAK"
     with interpreter(main_program(*lines, rest=WHERE + SOON + PLACES)) as (run, _):
         assert run.execute("main") is RunState.COMPLETED
-        assert _number(run, "where") == pytest.approx(150.0, abs=1e-3)
+        assert number(run, "where") == pytest.approx(150.0, abs=1e-3)
 
 
 @pytest.mark.parametrize("handler", ["", "RETURN\n"])
@@ -102,7 +90,7 @@ def test_a_step_goes_on_waiting_behind_a_reaction(handler: str) -> None:
     lines = "REACTI 2001, r", "TIMER 1 = 0", "PCEXECUTE p", "DELAY 3", "x = TIMER(1)"
     with interpreter(main_program(*lines, rest=f".PROGRAM r\n{handler}.END\n" + SOON)) as (run, _):
         assert run.execute("main") is RunState.COMPLETED
-        assert _number(run, "x") >= 3.0
+        assert number(run, "x") >= 3.0
 
 
 def test_a_signal_stops_the_motion_of_a_single_step() -> None:
@@ -113,7 +101,7 @@ def test_a_signal_stops_the_motion_of_a_single_step() -> None:
             told.append(run.message)
         assert run.state is RunState.COMPLETED
         assert "at step 1 of program r" in told
-        assert 0.0 < _number(run, "where") < 50.0
+        assert 0.0 < number(run, "where") < 50.0
         assert run.machine.frame("here")[1, 3] > 0.0
 
 
@@ -139,7 +127,7 @@ def test_a_motion_that_a_program_has_stopped_stays_given_up_behind_ctrl_c(lines:
             run.execute("main")
         assert run.state is RunState.PAUSED
         assert run.proceed() is RunState.COMPLETED, run.message
-        assert _number(run, "x") == 1.0
+        assert number(run, "x") == 1.0
         assert 0.0 < run.machine.frame("here")[1, 3] < 0.06
 
 
@@ -167,7 +155,7 @@ def test_a_wrong_answer_behind_a_reaction_is_blamed_on_its_question_which_retry_
         assert run.execute("main") is RunState.FAILED
         assert run.message.startswith("program main, line 8, column 1: PROMPT: expected a number, not 'abc'")
         assert run.retry() is RunState.COMPLETED, run.message
-        assert _number(run, "y") == 7.0
+        assert number(run, "y") == 7.0
 
 
 PULSE = """
@@ -206,7 +194,7 @@ def test_a_signal_that_came_and_went_while_its_reaction_was_held_back_counts_onc
 ) -> None:
     with interpreter(main_program(*lines, "LOCK 0", rest=PULSE)) as (run, _):
         assert run.execute("main") is RunState.COMPLETED, run.message
-        assert _number(run, "x") == called
+        assert number(run, "x") == called
         assert run.machine.signal_is_on(2002) == (called > 0)
 
 
@@ -229,7 +217,7 @@ def test_a_lock_in_a_program_that_is_called_holds_behind_its_return() -> None:
     lines = "REACTI 2001, count, 5", "CALL enter", "x = n", "CALL leave", "y = n"
     with interpreter(main_program(*lines, rest=ENTER + PULSE)) as (run, _):
         assert run.execute("main") is RunState.COMPLETED, run.message
-        assert (_number(run, "x"), _number(run, "y")) == (0.0, 1.0)
+        assert (number(run, "x"), number(run, "y")) == (0.0, 1.0)
 
 
 def test_a_lock_ends_with_the_cycle() -> None:
@@ -237,7 +225,7 @@ def test_a_lock_ends_with_the_cycle() -> None:
     lines = "IF n == 0 THEN", "REACTI 2001, count, 5", "END", "LOCK 10", "SIGNAL 2001"
     with interpreter(main_program(*lines, rest=PULSE)) as (run, _):
         assert run.execute("main", cycles=2) is RunState.COMPLETED, run.message
-        assert _number(run, "n") == 1.0
+        assert number(run, "n") == 1.0
 
 
 def test_the_return_of_a_reaction_restores_the_priority_before_it() -> None:
@@ -254,4 +242,4 @@ def test_the_return_of_a_reaction_restores_the_priority_before_it() -> None:
     )
     with interpreter(main_program(*lines, rest=ENTER + PULSE)) as (run, _):
         assert run.execute("main") is RunState.COMPLETED, run.message
-        assert _number(run, "x") == 2.0
+        assert number(run, "x") == 2.0

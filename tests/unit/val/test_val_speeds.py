@@ -8,7 +8,7 @@ import pytest
 from qrobot.arrays import Floats
 from qrobot.config import load_robot
 from qrobot.val.interpreter import RunState
-from tests.support.val_runs import interpreter, main_program
+from tests.support.val_runs import interpreter, main_program, number
 
 PERIOD_S = 0.028
 ROUNDED = 1.02  # the way over a sample is shorter than its arc, and the speed of a corner is rounded to samples
@@ -45,9 +45,7 @@ def _around(library: str, n: int, speed: str, move: str) -> tuple[Floats, Floats
 
         arm.sample = look  # type: ignore[method-assign]
         assert run.execute("main") is RunState.COMPLETED, run.message
-        seconds = run.machine.values["x", ()]
-        assert isinstance(seconds, float)
-        return np.array(joints), np.array(tips), seconds
+        return np.array(joints), np.array(tips), number(run, "x")
 
 
 @pytest.mark.parametrize("library", ["rccl", "arcl"])
