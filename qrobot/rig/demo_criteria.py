@@ -74,7 +74,9 @@ def _pd_is_worse(results: Sequence[Result]) -> list[Verdict]:
         for full in _lockstep(results, "qrobot", "nominal"):
             if full.run.rate_hz == pd.run.rate_hz:
                 times = float(np.min(_largest(pd)[:ARM_JOINTS] / _largest(full)[:ARM_JOINTS]))
-                what = f"law pd in lock-step: joints 1-3 at least {PD_FACTOR:g} times as bad as law qrobot ({times:.1f})"
+                what = (
+                    f"law pd in lock-step: joints 1-3 at least {PD_FACTOR:g} times as bad as law qrobot ({times:.1f})"
+                )
                 verdicts.append(Verdict(what, times >= PD_FACTOR))
     return verdicts
 
