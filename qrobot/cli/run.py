@@ -317,12 +317,10 @@ def bridge_links(arm: DeployedArm) -> LinkFactory:
 
 def _leads_to(named: str, address: tuple[str, int]) -> bool:
     """True when `named` is this address, `localhost` or not; False for what is no address."""
-    from qrobot.rci import bridge_address
-    from qrobot.rci.tcp import LOCALHOST
+    from qrobot.rci.tcp import address_text, place_text
 
     with suppress(ConfigError):
-        (host, port), names = bridge_address(named), {"localhost": LOCALHOST}
-        return (names.get(host, host), port) == (names.get(address[0], address[0]), address[1])
+        return address_text(named) == place_text(address)
     return False
 
 

@@ -61,16 +61,12 @@ def _greet(environment: Environment, known: KnownRobot, robot: str, period_us: i
 def use(factory: LinkFactory | dict[str, LinkFactory], virtual_time: bool = True) -> Iterator[None]:
     """Programs run in this context reach their robots by the links of `factory`.
 
-    When there are several each has the name of its robot, or "host:port" of a bridge that a program may name instead.
+    When there are several each has the name of its robot, and may have "host:port" of a bridge, by which a program may
+    name it instead.
     """
 
     def links(robot: KnownRobot, hello: Hello) -> Link:
-        if not isinstance(factory, dict):
-            return factory(hello)
-        place = address_text(robot.bridge) if robot.bridge else ""
-        if (chosen := factory.get(robot.name) or factory.get(place)) is None:
-            wanted, there = f"{robot.name!r} at {place}" if place else repr(robot.name), ", ".join(factory)
-            raise ConfigError(f"no way to robot {wanted} is given here; there is one to {there}; --arm chooses one")
+        chosen = _way(factory, robot) if isinstance(factory, dict) else factory
         return chosen(hello)
 
     token = _environment.set(Environment(links, virtual_time))
@@ -78,3 +74,19 @@ def use(factory: LinkFactory | dict[str, LinkFactory], virtual_time: bool = True
         yield
     finally:
         _environment.reset(token)
+
+
+def _way(ways: dict[str, LinkFactory], robot: KnownRobot) -> LinkFactory:
+    """The way to a robot. Raises ConfigError: there is none, or another arm has its name than is at its address."""
+    place = address_text(robot.bridge) if robot.bridge else ""
+    named, placed = ways.get(robot.name), ways.get(place)
+    if named is not None and placed is not None and named is not placed:
+        raise ConfigError(
+            f"robot {robot.name!r} at {place}: another arm has that name here; leave out the address, or name the "
+            "robot as that arm, or as none is named"
+        )
+    if (chosen := named or placed) is None:
+        name, there = repr(robot.name or robot.file), ", ".join(ways)
+        wanted = f"{name} at {place}" if place else name
+        raise ConfigError(f"no way to robot {wanted} is given here; there is one to {there}; --arm chooses one")
+    return chosen

@@ -112,7 +112,7 @@ class KnownRobot:
     """An entry of the data base.
 
     Attributes:
-        name: by which tasks ask for it.
+        name: by which tasks ask for it; "" for one that is known by its bridge alone.
         file: robot file, or name of a packaged one.
         bridge: where its bridge is, "" for where the program's is.
     """

@@ -47,12 +47,18 @@ def bridge_address(text: str | None = None) -> SocketAddress:
 
 def address_text(bridge: str) -> str:
     """The address of a bridge in full, "host:port". Raises ConfigError: that is no address."""
-    return "{}:{}".format(*bridge_address(bridge))
+    return place_text(bridge_address(bridge))
+
+
+def place_text(address: SocketAddress) -> str:
+    """The same of host and port; this machine has one name."""
+    host, port = address
+    return f"{LOCALHOST if host == 'localhost' else host}:{port}"
 
 
 def check_reachable(address: SocketAddress) -> None:
     """Raise ConfigError for a bridge that whoever has started the program keeps from it."""
-    allowed, place = os.environ.get(ONLY_VARIABLE), "{}:{}".format(*address)
+    allowed, place = os.environ.get(ONLY_VARIABLE), place_text(address)
     if allowed is not None and place not in map(address_text, allowed.split(",")):
         raise ConfigError(
             f"the bridge at {place} is not for this program, which was started for {allowed} alone: at the pendant, "

@@ -137,7 +137,8 @@ def test_arms_of_one_kind_are_told_apart_by_the_addresses_of_their_bridges() -> 
     places = ("127.0.0.1:5600", "127.0.0.1:5601")
     rigs = [LockstepRig(ROBOT, ServoSettings(rate_hz=1000.0)) for _ in places]
     ways = {place: partial(link_factory, rig, SAMPLE_US) for place, rig in zip(places, rigs, strict=True)}
-    with rci.use(ways):  # as `qrobot run --lockstep` gives them
+    named = {"puma560": ways[places[0]], "second": ways[places[1]]}
+    with rci.use(named | ways):  # as `qrobot run --lockstep` gives them
         one, other = arcl_open(ARCL_BRIDGE, ":5601", 0), arcl_open(ARCL_BRIDGE, "127.0.0.1:5600", 0)
         move(one, joint_pos(one, "away", AWAY), 0)
         arcl_wait(one)

@@ -61,7 +61,8 @@ class BridgeMachine:
         self.sample: MachineSample | None = None
         self._settings = settings
         self._hello = hello_for(settings.robot.name, _period_us(settings.period_ms))
-        known = KnownRobot(settings.robot.name, settings.robot.name, settings.bridge)
+        named = "" if settings.bridge else settings.robot.name  # a file of several arms may call another one so
+        known = KnownRobot(named, settings.robot.name, settings.bridge)
         self._links = partial(environment().links, known)
         self._link: Link = self._links(self._hello)
         self.virtual_time = self._link.virtual_time
