@@ -62,7 +62,12 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 
 def pytest_collection_finish() -> None:
-    """Tests and libraries stay to the end: without this, garbage is looked for among them again and again."""
+    _look_for_garbage()
+
+
+def _look_for_garbage() -> None:
+    """Look now, and not among what is left again: tests, libraries and compiled kernels stay to the end."""
+    gc.collect()
     gc.freeze()
 
 
@@ -71,6 +76,7 @@ def pytest_runtest_protocol(item: pytest.Item) -> Generator[None, object, object
     if item.get_closest_marker("realtime") is None:
         return (yield)
     with turn(alone=item.get_closest_marker("starves_others") is not None):
+        _look_for_garbage()  # a look among all that has come since takes longer than a program's setpoints may
         return (yield)
 
 

@@ -34,8 +34,9 @@ def bridge(deployment: str = DEFAULT_DEPLOYMENT, *, arm: str | None = None, port
         TCP port, overriding the file.
     """
     from qrobot.model.payload_judge import PayloadJudge
-    from qrobot.rccl_bridge.mailbox_port import ServoPort, warm_up
+    from qrobot.rccl_bridge.mailbox_port import warm_up
     from qrobot.rccl_bridge.server import run_bridge
+    from qrobot.rccl_bridge.servo_port import ServoPort
     from qrobot.rccl_bridge.settings import BridgeSettings
     from qrobot.realtime.setup import freeze_garbage, leave_fifo, set_fifo
     from qrobot.realtime.startup_order import await_turn

@@ -25,7 +25,7 @@ from qrobot.multi_rccl import EQ, TL, TRANS, make_position, move, setvel, wait_f
 from qrobot.multi_rccl.program import _program
 from qrobot.rccl import gentr_rpy
 from qrobot.rccl.program import ending
-from qrobot.rccl_bridge.mailbox_port import STALLED_NS, shows_life
+from qrobot.rccl_bridge.servo_port import STALLED_NS, shows_life
 from qrobot.rci import VirtualLink
 from qrobot.rig.lockstep import LockstepBridge, LockstepRig
 from qrobot.servo.memory.servo_memory import servo_front

@@ -23,7 +23,7 @@ from qrobot.modecodes import Mode
 from qrobot.model.transform import inverse
 from qrobot.multi_rccl import wait_as, wait_for
 from qrobot.rccl.program import ending
-from qrobot.rccl_bridge.mailbox_port import STALLED_NS
+from qrobot.rccl_bridge.servo_port import STALLED_NS
 from qrobot.rci import LinkFactory, TcpLink
 from qrobot.servo.memory.telemetry import Rows
 from qrobot.units import NS_PER_MS, NS_PER_S

@@ -426,7 +426,7 @@ class _Running:
         """
         front = self._process.memory.front
         self._thread.join(POLL_S)
-        self._priority.look(self._process.beat_ns, time.monotonic_ns())
+        self._priority.look(self._process.beat_ns, time.monotonic_ns(), bool(front.guardian.takeover))
         if self._beat != front.heartbeat.t_ns or not front.command.shutdown:
             self._beat, self._patience = int(front.heartbeat.t_ns), Deadline(HUNG_S)
         if self._thread.is_alive() and self._patience.passed:

@@ -3,6 +3,7 @@
 A law that never comes back would keep its processor from everybody below it, other arms' servos too, as long as its
 process lives: the kernel leaves ordinary threads a twentieth of each second, and real-time threads of a lower priority
 nothing. The guardian has torque and power by then; here the thread becomes an ordinary one until it runs cycles again.
+Once the guardian is seen to have the board, that priority serves nobody: the patience with it is a tenth.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from qrobot.units import NS_PER_S
 PATIENCE_NS: Final = NS_PER_S  # without a cycle
 # One look may stand for so much of it: a process that was stopped as a whole looks before its loop can run again.
 LOOK_NS: Final = PATIENCE_NS // 2
+TAKEN: Final = 10  # so many times as long does a wait count beside a guardian that has taken the board
 
 
 class LoopPriority:
@@ -32,17 +34,18 @@ class LoopPriority:
         self._beat, self._looked_ns, self._waited_ns = -1, 0, 0
         self._lent: tuple[int, os.sched_param] | None = None  # what to give back
 
-    def look(self, beat: int, now_ns: int) -> None:
+    def look(self, beat: int, now_ns: int, taken: bool) -> None:
         """Look at the thread, whose cycles count `beat`; to be called again and again.
 
-        With one processor the looks are rare while the loop hangs: the caller has a twentieth of it, too.
+        `taken` says that the guardian has the board. With one processor the looks are rare while the loop hangs: the
+        caller has a twentieth of it, too.
         """
         since_ns, self._looked_ns = now_ns - self._looked_ns, now_ns
         if beat != self._beat:
             self._beat, self._waited_ns = beat, 0
             self._give_back()
             return
-        self._waited_ns += min(since_ns, LOOK_NS)
+        self._waited_ns += min(since_ns * (TAKEN if taken else 1), LOOK_NS)
         if self._waited_ns >= PATIENCE_NS and self._lent is None:
             self._take()
 

@@ -9,8 +9,8 @@ from dataclasses import replace
 
 import pytest
 
-from qrobot.rccl_bridge.mailbox_port import STALE_NS, STALLED_NS, ServoPort
 from qrobot.rccl_bridge.servo_interface import SetpointFrame
+from qrobot.rccl_bridge.servo_port import STALE_NS, STALLED_NS, ServoPort
 from qrobot.servo.memory.servo_memory import ServoFront, create_servo_memory
 from qrobot.servo.settings import LOWEST_RATE_HZ
 from qrobot.units import NS_PER_S

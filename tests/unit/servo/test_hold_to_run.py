@@ -14,7 +14,7 @@ from qrobot import rccl
 from qrobot.errors import ServoFault
 from qrobot.faultcodes import FaultCode
 from qrobot.modecodes import Mode
-from qrobot.rccl_bridge.mailbox_port import tell_key
+from qrobot.rccl_bridge.request_port import tell_key
 from qrobot.rig.lockstep import LockstepRig, link_factory
 from qrobot.servo.checks.hold_to_run import PATIENCE_NS, hear_key, key_is_held
 from qrobot.servo.memory.setpoint_queue import TORQUE_SETPOINT

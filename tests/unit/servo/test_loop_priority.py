@@ -6,7 +6,7 @@ import os
 
 import pytest
 
-from qrobot.servo.process.loop_priority import LOOK_NS, PATIENCE_NS, LoopPriority
+from qrobot.servo.process.loop_priority import LOOK_NS, PATIENCE_NS, TAKEN, LoopPriority
 from qrobot.units import NS_PER_S
 
 THREAD = 4711
@@ -40,10 +40,10 @@ class Looks:
     def __init__(self, said: list[str]) -> None:
         self._priority, self._now_ns = LoopPriority(THREAD, said.append), 10**12
 
-    def look(self, beat: int, times: int = 1, every_ns: int = LOOK_EVERY_NS) -> None:
+    def look(self, beat: int, times: int = 1, every_ns: int = LOOK_EVERY_NS, taken: bool = False) -> None:
         for _ in range(times):
             self._now_ns += every_ns
-            self._priority.look(beat, self._now_ns)
+            self._priority.look(beat, self._now_ns, taken)
 
 
 def test_a_loop_that_hangs_is_an_ordinary_thread_until_it_runs_cycles_again(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -64,6 +64,18 @@ def test_a_loop_that_hangs_is_an_ordinary_thread_until_it_runs_cycles_again(monk
     assert scheduler.now == (ORDINARY, 0)
 
 
+def test_once_the_guardian_has_the_board_a_tenth_of_the_patience_is_left(monkeypatch: pytest.MonkeyPatch) -> None:
+    said: list[str] = []
+    scheduler, looks = FakeScheduler(monkeypatch, FIFO, 80), Looks(said)
+    looks.look(1, taken=True)
+    looks.look(1, PATIENT_LOOKS // TAKEN - 1, taken=True)
+    assert scheduler.now == (FIFO, 80)
+    looks.look(1, taken=True)
+    assert scheduler.now == (ORDINARY, 0)
+    looks.look(2, taken=True)
+    assert scheduler.now == (FIFO, 80)
+
+
 def test_with_one_processor_two_looks_of_the_twentieth_that_is_left_to_others_are_enough(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -79,7 +91,7 @@ def test_a_process_that_was_stopped_as_a_whole_keeps_its_priority(monkeypatch: p
     scheduler, looks = FakeScheduler(monkeypatch, FIFO, 80), Looks(said)
     for beat in range(5):
         looks.look(beat)
-        looks.look(beat, every_ns=60 * NS_PER_S)
+        looks.look(beat, every_ns=60 * NS_PER_S, taken=beat % 2 == 0)
         looks.look(beat, LOOK_NS // LOOK_EVERY_NS - 1)
     assert (scheduler.now, said) == ((FIFO, 80), [])
 
