@@ -1,4 +1,4 @@
-"""What a bridge asks of a servo and hears from it, through the servo's mailbox."""
+"""Requests of a bridge to a servo and what it hears from it, through the mailbox of the servo."""
 
 from __future__ import annotations
 
