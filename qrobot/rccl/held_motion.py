@@ -29,7 +29,8 @@ MOST_JOINT: Final = (
     5.0  # [A] times the speed of a joint that is turned: what a joint may do while the tool goes straight
 )
 AHEAD: Final = 2  # pieces that wait
-MARGIN: Final = 0.01  # rad or m that a joint stays away from its ends
+MARGIN: Final = 0.01  # [A] rad or m that a joint stays away from its ends,
+MARGIN_SHARE: Final = 0.1  # [A] but no more than this share of its range
 WITHIN: Final = 0.95  # [A] of the speed allowed, for the rounding of a plan to sample periods
 BRAKE_MS: Final = 500.0  # [A] from the release to rest
 
@@ -71,7 +72,10 @@ class HeldMotion(Generic[HeldT]):
         """
         with self._brought_to_rest():
             goal, arm = self._arm.joints, self._arm
-            goal[joint] = self._before_fences(goal, joint, self._end_of(joint, goal[joint], way, step))
+            end = self._before_fences(goal, joint, self._end_of(joint, goal[joint], way, step))
+            if end == goal[joint]:  # it goes no farther that way
+                return
+            goal[joint] = end
             arm.setmode("joint")
             arm.setjvel(self._joint_speed(share, [joint]))
             self._follow(arm.jposition(f"joint {joint + 1}", goal.tolist()))
@@ -140,15 +144,16 @@ class HeldMotion(Generic[HeldT]):
         return min(JOINT_RAD_S * share, WITHIN * float(allowed.min()))
 
     def _end_of(self, joint: int, place: float, way: float, step: float) -> float:
-        """Goal of a joint, degrees or mm, from `place`: never beyond its range less the margin."""
+        """Goal of a joint, degrees or mm, from `place`: within its range less the margin, or where it is."""
         limits = self._arm.robot.limits
         per_unit = MM_PER_M if self._arm.robot.prismatic[joint] else DEG_PER_RAD
-        low, high = (limits.q_min[joint] + MARGIN) * per_unit, (limits.q_max[joint] - MARGIN) * per_unit
-        end = high if way > 0.0 else low
+        q_min, q_max = limits.q_min[joint], limits.q_max[joint]
+        margin = min(MARGIN, MARGIN_SHARE * (q_max - q_min))
+        end = max(place, (q_max - margin) * per_unit) if way > 0.0 else min(place, (q_min + margin) * per_unit)
         if not step:
             return float(end)
         goal = place + way * step * per_unit
-        return float(min(goal, max(place, high)) if way > 0.0 else max(goal, min(place, low)))
+        return float(min(goal, end) if way > 0.0 else max(goal, end))
 
     def _before_fences(self, start: Floats, joint: int, end: float) -> float:
         """The furthest place of a joint turned from `start` (n,) towards `end`, before any fence; degrees or mm."""

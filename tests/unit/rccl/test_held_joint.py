@@ -1,0 +1,96 @@
+"""A joint that is turned or slid while something is held: it goes the way that is held, or it stays."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from qrobot.arrays import Floats
+from qrobot.config import Robot, load_robot
+from qrobot.rccl.connect import open_channel
+from qrobot.rccl.held_motion import MARGIN, HeldMotion
+from qrobot.rccl.offline import OfflineLink
+from qrobot.wire import Command, Hello, State
+
+STANFORD = load_robot("stanford")
+PERIOD_MS, BEGINS_MS = 28.0, 100.0
+PRESS_MS = 600.0
+STILL = 1e-9
+SPANS = {False: (0.02, 5.0), True: (0.005, 0.55)}  # of a joint that turns, rad, and of one that slides, m
+
+
+class _Arm(OfflineLink):
+    """An ideal arm whose places are kept."""
+
+    def __init__(self, hello: Hello, robot: Robot, start: Floats) -> None:
+        super().__init__(hello, robot, start)
+        self.places: list[Floats] = []
+
+    def exchange(self, command: Command | None) -> State:
+        state = super().exchange(command)
+        self.places.append(np.array(state.robot.q))
+        return state
+
+
+def with_range(joint: int, low: float, high: float) -> Robot:
+    """A Stanford arm, one of whose joints has another range around its pose `park`."""
+    q_min, q_max = STANFORD.limits.q_min.copy(), STANFORD.limits.q_max.copy()
+    q_min[joint], q_max[joint] = low, high
+    return STANFORD.model_copy(update={"limits": STANFORD.limits.model_copy(update={"q_min": q_min, "q_max": q_max})})
+
+
+def places_of_a_press(robot: Robot, start: Floats, joint: int, way: float, step: float) -> Floats:
+    """Places of all joints while a press is held and afterwards. Shape (k, n)."""
+    links: list[_Arm] = []
+
+    def link(hello: Hello) -> _Arm:
+        links.append(_Arm(hello, robot, start))
+        return links[-1]
+
+    with open_channel(link, robot, PERIOD_MS) as arm:
+        begins_ms = arm.time + BEGINS_MS
+        motion = HeldMotion(arm, lambda: True if 0.0 <= arm.time - begins_ms < PRESS_MS else None)
+        with motion.watched():
+            arm.waitas(lambda: motion.held)
+            motion.turn_joint(joint, way, 1.0, step)
+    return np.array(links[-1].places)
+
+
+def assert_goes_that_way_or_stays(robot: Robot, start: Floats, joint: int, way: float, step: float) -> None:
+    """And goes, where the end of the range is further than the margin; then it comes no nearer than that."""
+    places = places_of_a_press(robot, start, joint, way, step)
+    assert np.abs(np.delete(places - start, joint, axis=1)).max() < STILL
+    gone = way * (places[:, joint] - start[joint])
+    assert (np.diff(gone) > -STILL).all()
+    limits = robot.limits
+    left = limits.q_max[joint] - start[joint] if way > 0.0 else start[joint] - limits.q_min[joint]
+    margin = min(MARGIN, 0.1 * (limits.q_max[joint] - limits.q_min[joint]))
+    if left <= margin:
+        assert gone.max() < STILL
+    else:
+        assert 0.0 < gone.max() <= left - margin + STILL
+
+
+@pytest.mark.parametrize("step", [0.0, 0.02], ids=["held", "a step"])
+@pytest.mark.parametrize("joint", [0, 2, 4], ids=["turns", "slides", "turns in the wrist"])
+@pytest.mark.parametrize("seed", range(8))
+def test_whatever_its_range_and_its_place_a_joint_goes_the_way_that_is_held_or_stays(
+    seed: int, joint: int, step: float
+) -> None:
+    random = np.random.default_rng([seed, joint])
+    least, most = SPANS[bool(STANFORD.prismatic[joint])]
+    span = float(np.exp(random.uniform(np.log(least), np.log(most))))
+    start = np.array(STANFORD.poses["park"])
+    low = start[joint] - random.uniform(0.0, span)
+    for share in (0.0, 1.0, *random.uniform(0.0, 1.0, 2)):
+        start[joint] = low + share * span
+        for way in (-1.0, 1.0):
+            assert_goes_that_way_or_stays(with_range(joint, low, low + span), start, joint, way, step)
+
+
+@pytest.mark.parametrize("short_of_m", [0.0, 0.003, MARGIN])
+def test_an_axis_that_is_parked_at_its_upper_end_does_not_go_down_by_the_key_that_lifts_it(short_of_m: float) -> None:
+    start = np.array(STANFORD.poses["park"])
+    lift = with_range(2, start[2] - 0.5, start[2] + short_of_m)
+    assert np.ptp(places_of_a_press(lift, start, 2, 1.0, 0.0)[:, 2]) < STILL
+    assert places_of_a_press(lift, start, 2, -1.0, 0.0)[-1, 2] < start[2] - 0.02
