@@ -192,6 +192,10 @@ class Generator:
     def skip(self, code: int) -> None:
         """End the present request with `code` at the next sample: go on to the next one, or stop if none waits.
 
+        It stops also where the next one cannot be met in motion: at another speed one that moves or complies, in a
+        pause any that waits while such a goal is gone to. A goal whose velocity is still to be found is met as soon as
+        that is known.
+
         A request that is about to begin ends without having begun. Does nothing at rest, nor during a stop; a stop that
         begins before the next sample takes its place.
         """

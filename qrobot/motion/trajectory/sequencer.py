@@ -172,8 +172,8 @@ class Sequencer:
 
     def _leave_segment(self, segment: Segment) -> bool:
         """Enter the transition to the request that follows, or to rest, once it is time for it."""
-        queued = self._queue.peek()
-        if self.stopping or queued is None or not self._can_begin(queued):
+        queued = self._follower()
+        if self.stopping or queued is None or not queued.settled:
             return self._approach_rest(segment)
         if queued.here and not segment.coordinates.fixed:
             return self._is_time(segment.rest_begin) and self._begin_here()
@@ -185,14 +185,15 @@ class Sequencer:
             return False
         return self._enter_transition(segment, queued, transition) or self._approach_rest(segment)
 
-    def _can_begin(self, queued: QueuedMotion) -> bool:
-        """True when `queued` may follow in motion: it is known where its goal goes, and at what speed to meet it.
+    def _follower(self) -> QueuedMotion | None:
+        """The oldest request that waits, where it may be met in motion.
 
-        In a pause a goal that moves is not left.
+        One whose goal moves or complies knows no other speed, and in a pause such a goal is not left.
         """
-        if self._trajectory.held and not self._path.coordinates.fixed:
-            return False
-        return queued.settled and (queued.fixed or self._trajectory.override.full)
+        queued, fixed = self._queue.peek(), self._path.coordinates.fixed
+        if queued is None or (self._trajectory.held and not fixed):
+            return None
+        return queued if queued.fixed or self._trajectory.override.full else None
 
     def _transition_to(self, segment: Segment, queued: QueuedMotion) -> ViaTransition | None:
         """Transition into `queued`, the oldest request; None when it came too late, or cannot be served at all."""
@@ -293,19 +294,21 @@ class Sequencer:
     # --------------------------------------------------------------------------------- interruptions, stops, failures
 
     def _apply_skip(self) -> None:
-        """End the present request if that was asked for, as soon as the next one can begin."""
+        """End the present request if that was asked for: into the next one, or by a stop where that is not met so.
+
+        The next one is waited for until the velocity of its goal is known.
+        """
         if self._skipped is None or self._skipped[0] is not self._path.segment:
             self._skipped = None
             return
         segment, code = self._skipped
-        queued = self._queue.peek()
-        if segment is not None and queued is not None and not self._can_begin(queued):
+        queued = self._follower()
+        if segment is not None and queued is not None and not queued.settled:
             return
         self._skipped = None
         if segment is None:
             self._drop_oldest(code)
-            return
-        if queued is None or not self._leave_for(queued, code):
+        elif queued is None or not self._leave_for(queued, code):
             self._begin_stop(segment.request, code)
 
     def _drop_oldest(self, code: int) -> None:
