@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from typing import Final, TypeAlias
 
@@ -33,10 +33,12 @@ class Environment:
     Attributes:
         links: makes the way to a robot.
         virtual_time: time passes only while the program waits, and everything happens in its own thread.
+        bridges: where the arms are that `links` knows by name, "host:port"; none where it knows no names.
     """
 
     links: RobotLinks = tcp_links
     virtual_time: bool = False
+    bridges: Mapping[str, str] = field(default_factory=dict)
 
 
 _REAL_TIME: Final = Environment()
@@ -69,11 +71,18 @@ def use(factory: LinkFactory | dict[str, LinkFactory], virtual_time: bool = True
         chosen = _way(factory, robot) if isinstance(factory, dict) else factory
         return chosen(hello)
 
-    token = _environment.set(Environment(links, virtual_time))
+    bridges = _bridges(factory) if isinstance(factory, dict) else {}
+    token = _environment.set(Environment(links, virtual_time, bridges))
     try:
         yield
     finally:
         _environment.reset(token)
+
+
+def _bridges(ways: dict[str, LinkFactory]) -> dict[str, str]:
+    """The addresses of the arms that have names: of two keys of one way."""
+    places = {place: way for place, way in ways.items() if ":" in place}
+    return {name: place for name in ways.keys() - places.keys() for place, way in places.items() if way is ways[name]}
 
 
 def _way(ways: dict[str, LinkFactory], robot: KnownRobot) -> LinkFactory:

@@ -1,8 +1,9 @@
 """The way from a program in C that uses RCI to an arm on virtual time: a bridge in this process, one period per answer.
 
-The program connects to it for each robot that a task wants, as it would to the bridge of that robot. Each of its
-commands goes to the link of that robot, which lets a sample period pass, and the STATE comes back. A conversation that
-the program has ended is over, and its robot let go, before its next one with that robot, and before the relay ends.
+The program connects to it for each robot that a task wants, as it would to the bridge of that robot, by the name that
+the robot has here. Each of its commands goes to the link of that robot, which lets a sample period pass, and the STATE
+comes back. A conversation that the program has ended is over, and its robot let go, before its next one with that
+robot, and before the relay ends.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ from qrobot.wire import Bye, Command, Connection, ErrorCode, Hello, Side, WireEr
 
 RELAY: Final = "QROBOT_RCI_RELAY"  # environment: where the relay of a program is
 TIME: Final = "QROBOT_RCI_TIME"  # environment: "virtual", or real without it
+ARMS: Final = "QROBOT_RCI_ARMS"  # environment: NAME=HOST:PORT of each arm, where there are several
 TOKEN: Final = "QROBOT_TOKEN"  # environment: what a program shows to a bridge
 _CHUNK: Final = 4096
 _OVER_S: Final = 10.0  # [A] in which a conversation that the program has left comes to its end
@@ -29,17 +31,18 @@ _OVER_S: Final = 10.0  # [A] in which a conversation that the program has left c
 
 @contextmanager
 def relay() -> Iterator[dict[str, str]]:
-    """Serve a program that is started with these environment variables; in real time none, and it needs no relay."""
+    """Serve a program that is started with these environment variables; in real time it needs no relay."""
     surroundings = environment()
+    arms = {ARMS: ",".join(map("=".join, sorted(surroundings.bridges.items())))}
     if not surroundings.virtual_time:
-        yield {}
+        yield arms
         return
     token = secrets.token_hex(16)
     begun: list[_Conversation] = []
     with socket.create_server(("127.0.0.1", 0)) as server:
         threading.Thread(target=_accept, args=(server, surroundings, token.encode(), begun), daemon=True).start()
         try:
-            yield {RELAY: f"127.0.0.1:{server.getsockname()[1]}", TIME: "virtual", TOKEN: token}
+            yield arms | {RELAY: f"127.0.0.1:{server.getsockname()[1]}", TIME: "virtual", TOKEN: token}
         finally:
             server.shutdown(socket.SHUT_RDWR)
             for conversation in begun:

@@ -42,6 +42,11 @@ struct cycle {
     struct qrobot_command command; /* its answer */
 };
 
+/* An arm by its name, and where its bridge is: "" for where QROBOT_BRIDGE says. */
+struct arm {
+    char name[NAME_BYTES + 1], address[NAME_BYTES + 1];
+};
+
 struct clock_entry {
     long interval, offset;
     int64_t next;                  /* tick, NEVER while it is not active */
@@ -138,6 +143,9 @@ void rci_cycle_hear(RCI_TASK *td);
 const char *rci_cycle_step(RCI_TASK *td, int64_t now_ns);
 const char *rci_cycle_ask(RCI_TASK *td);
 void rci_cycle_answer(RCI_TASK *td);
+
+/* arms.c */
+int rci_find_arm(const RCI_TASK *td, struct qrobot_link *link, struct arm *arm);
 
 /* link.c */
 int rci_link_open(RCI_TASK *td, int power_off, const char *call);

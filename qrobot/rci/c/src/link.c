@@ -10,12 +10,22 @@ static uint32_t period_us(const RCI_TASK *td)
     return (uint32_t)(td->inside->clock.interval * 1000000 / rci_program.rate_hz);
 }
 
-/* Where the robot of a task is: NULL for where QROBOT_BRIDGE says. On virtual time the relay of `qrobot run` has all. */
-static const char *address_of(const RCI_TASK *td)
+/* Greet the arm of a task; on virtual time the relay of `qrobot run` has all of them. Returns QROBOT_OK, or a status
+ * with link->error. */
+static int greet(const RCI_TASK *td, struct qrobot_link *link)
 {
-    if (rci_program.virtual_time)
-        return getenv("QROBOT_RCI_RELAY");
-    return td->inside->address[0] ? td->inside->address : NULL;
+    struct qrobot_hello hello = {QROBOT_ROLE_COMMANDER, td->robot->name, td->name, period_us(td),
+                                 rci_program.virtual_time ? VIRTUAL_MS : 0, 0};
+    struct arm arm;
+    int status;
+
+    qrobot_begin(link);
+    if ((status = rci_find_arm(td, link, &arm)) != QROBOT_OK)
+        return status;
+    if (!rci_program.virtual_time)
+        return qrobot_connect(link, arm.address[0] ? arm.address : NULL, &hello);
+    hello.program = arm.name;
+    return qrobot_connect(link, getenv("QROBOT_RCI_RELAY"), &hello);
 }
 
 /* Greet the robot of a task, in the planning program, which may wait; to switch its power off, or to move it. Returns
@@ -23,16 +33,14 @@ static const char *address_of(const RCI_TASK *td)
 int rci_link_open(RCI_TASK *td, int power_off, const char *call)
 {
     struct rci_inside *in = td->inside;
-    struct qrobot_hello hello = {QROBOT_ROLE_COMMANDER, td->robot->name, td->name, period_us(td),
-                                 rci_program.virtual_time ? VIRTUAL_MS : 0, 0};
     struct qrobot_link *link;
 
-    if (rci_program.virtual_time && address_of(td) == NULL)
+    if (rci_program.virtual_time && getenv("QROBOT_RCI_RELAY") == NULL)
         return rci_fail("%s: task %s: on virtual time `qrobot run --offline` or --lockstep has the robot", call,
                         td->name);
     if ((link = calloc(1, sizeof *link)) == NULL)
         return rci_fail("%s: no memory", call);
-    if (qrobot_connect(link, address_of(td), &hello) != QROBOT_OK || link->joints != td->robot->n) {
+    if (greet(td, link) != QROBOT_OK || link->joints != td->robot->n) {
         if (link->fd >= 0)
             rci_fail("%s: task %s: %s has %d joints, its file says %d", call, td->name, link->peer, link->joints,
                      td->robot->n);
