@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from qrobot.cli.arms import DEFAULT_DEPLOYMENT, choose_arm
-from qrobot.cli.console import note, out
+from qrobot.cli.console import complain, note, out
 from qrobot.cli.jog import single_keys
 from qrobot.cli.option_types import OutputFile, SmoothOption
+from qrobot.errors import MotionError, QRobotError, error_text
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from qrobot.config import Robot
-    from qrobot.rccl.setpoints import Setpoints
+    from qrobot.rccl.database import DataBase
+    from qrobot.rccl.guiding import GuidedArm
 
 
 def guide(
@@ -30,7 +31,8 @@ def guide(
     While the key is held the arm carries its own weight and most of its friction, is damped, slower than 250 mm/s at
     the tool, and stays within its range. When the key is let go it stops, and stays; when this program or its link
     hangs the servo stops it. A terminal tells no release of a key: the arm gives way from the first repeat of the key
-    on, until 0.12 s after the last one came. This is no safety function: keep the emergency stop at hand.
+    on, until 0.12 s after the last one came. This is no safety function: keep the emergency stop at hand. The recording
+    is written whatever ends the command: q, Ctrl-C, a closed terminal, or an arm that is lost.
 
       g  HOLD to lead the arm      w  keep this place      q  quit
 
@@ -51,29 +53,62 @@ def guide(
         Which arm of the file; may be left out when there is only one.
     """
     from qrobot.cli.arm_links import link_of
-    from qrobot.rccl.database import DataBase
     from qrobot.rccl.guiding import GuidedArm
     from qrobot.rccl.led_by_key import KEYS, LedByKey
+    from qrobot.rig.interrupts import interrupted_by_signals
 
-    chosen = choose_arm(deployment, arm)
+    chosen, kept = choose_arm(deployment, arm), None if places is None else _checked(places)
     say = lambda line: out.print(line, markup=False, soft_wrap=True)  # noqa: E731
-    with single_keys("guide") as keys, GuidedArm(link_of(chosen), chosen.robot) as led:
-        out.print(KEYS, markup=False)
-        LedByKey(led, keys.read, say, None if places is None else DataBase(places)).run()
-    if record is not None:
-        _write(record, led.recordings, led.robot, smooth)
+    with interrupted_by_signals(), single_keys("guide") as keys:
+        led = GuidedArm(link_of(chosen), chosen.robot)
+        with _recorded(led, record, smooth):
+            out.print(KEYS, markup=False)
+            LedByKey(led, keys.read, say, kept).run()
 
 
-def _write(path: Path, parts: Sequence[Setpoints], robot: Robot, smooth_mm: float | None) -> None:
+def _checked(places: Path) -> DataBase:
+    """The data base, in which places can be put. Raises ConfigError: better now than when the arm is in place."""
+    from qrobot.rccl.database import DataBase
+
+    kept = DataBase(places)
+    kept.check()
+    return kept
+
+
+@contextmanager
+def _recorded(led: GuidedArm, record: Path | None, smooth_mm: float | None) -> Iterator[None]:
+    """Say goodbye to the arm at the end, and write what it was led through, whatever ends it."""
+    try:
+        with led:
+            yield
+    except BaseException:
+        try:
+            _write(led, record, smooth_mm)
+        except (QRobotError, OSError) as error:
+            complain(error_text(error))
+        raise
+    _write(led, record, smooth_mm)
+
+
+def _write(led: GuidedArm, path: Path | None, smooth_mm: float | None) -> None:
+    """Write the recording as it was led, and then a smoothed one in its place. Raises MotionError: there is none."""
     from qrobot.rccl.recordings import joined, smoothed
     from qrobot.rccl.setpoint_tables import write_setpoint_table
     from qrobot.units import M_PER_MM
 
-    if not parts:
+    if path is None:
+        return
+    if not led.recordings:
         note("the arm was not led: nothing is written")
         return
-    motion = joined(parts, robot)
-    if smooth_mm is not None:
-        motion = smoothed(motion, robot, smooth_mm * M_PER_MM)
+    motion = joined(led.recordings, led.robot)
+    path.parent.mkdir(parents=True, exist_ok=True)
     write_setpoint_table(path, motion)
+    if smooth_mm is not None:
+        try:
+            motion = smoothed(motion, led.robot, smooth_mm * M_PER_MM)
+        except MotionError as error:
+            again = f"`qrobot replay {path} --smooth MM --save-as FILE`"
+            raise MotionError(f"{error}; {path} has it as it was led, and {again} smooths that") from error
+        write_setpoint_table(path, motion)
     note(f"wrote {path}: {motion.t[-1]:.1f} s")

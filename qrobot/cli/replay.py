@@ -81,6 +81,7 @@ def replay(
     chosen = choose_arm(deployment, arm)
     setpoints = _made_up([file, *(then or ())], smooth, robot_of_arm(chosen))
     if save_as is not None:
+        save_as.parent.mkdir(parents=True, exist_ok=True)
         write_setpoint_table(save_as, setpoints)
         note(f"wrote {save_as}")
         return

@@ -35,7 +35,8 @@ class GuidedArm:
 
     Attributes:
         robot: the arm. how: the robot as it was heard last, None before the first sample.
-        recordings: what each press of the key did, from rest to rest, oldest first.
+        recordings: what each press of the key did, from rest to rest, oldest first; of one during which the link was
+            lost, what it did until then.
 
     Raises:
         LinkError, LinkBusy: nobody is there, or somebody else commands the arm.
@@ -99,6 +100,8 @@ class GuidedArm:
             while self._cycle is not None:
                 self.step(False)
         finally:
+            if self._cycle is not None:
+                self._finish()
             self._link.close()
 
     def __enter__(self) -> GuidedArm:

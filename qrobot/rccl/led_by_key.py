@@ -7,7 +7,8 @@ from typing import Final
 
 import numpy as np
 
-from qrobot.errors import ServoFault
+from qrobot.arrays import Floats
+from qrobot.errors import ConfigError, ServoFault
 from qrobot.model.arm import Arm
 from qrobot.rccl.database import DataBase
 from qrobot.rccl.guiding import GuidedArm
@@ -64,17 +65,27 @@ class LedByKey:
             self._tell(KEYS)
 
     def _keep(self) -> None:
-        """Put the place of the arm into the data base, under the next free name."""
+        """Put the place of the arm into the data base; where that cannot be, it is told and the arm is led on."""
         if self._places is None or self._arm.how is None:
             self._tell("no data base was named: see --places")
             return
         value = self._kinematics.forward(np.array(self._arm.how.q))
-        known = self._places.values()
-        name = next(f"P{k}" for k in range(1, len(known) + 2) if f"P{k}" not in known)
-        self._places.write(name, value)
+        try:
+            name = _put(self._places, value)
+        except ConfigError as error:
+            self._tell(f"error: {error}")
+            return
         self._tell(f"kept {name}: {place(value)}")
 
     def _tell_change(self) -> None:
         if self._arm.led != self._was_led:
             self._was_led = self._arm.led
             self._tell("led by hand" if self._was_led else "held")
+
+
+def _put(places: DataBase, value: Floats) -> str:
+    """Put a pose, shape (4, 4), m, under the next free name, which is returned."""
+    known = places.values()
+    name = next(f"P{k}" for k in range(1, len(known) + 2) if f"P{k}" not in known)
+    places.write(name, value)
+    return name
