@@ -26,7 +26,7 @@ from qrobot.servo.stages.analog_outputs import settle_analog
 from qrobot.servo.stages.binary_outputs import settle_outputs, stop_stands
 from qrobot.servo.stages.collision_stop import complies, give_way, take_collision
 from qrobot.servo.stages.dropout_hold import hold_through_dropout
-from qrobot.servo.stages.guiding import lead_by_hand
+from qrobot.servo.stages.guiding import lead_by_hand, note_unled
 from qrobot.servo.stages.inputs import estimate, read
 from qrobot.servo.stages.mode_machine import apply_faults, finish_stop, handle_requests
 from qrobot.servo.stages.override import take_override
@@ -97,6 +97,7 @@ def tick(params: ServoParameters, state: ServoState, now_ns: int, late_ns: int) 
 def update_reference(params: ServoParameters, state: ServoState, mail: Any, now_ns: int) -> None:
     """Advance the reference along the setpoints, or along the path of a stop; without torque it is where the arm is."""
     mode = state.mode
+    note_unled(state)
     state.guided = 0
     if mode != CALIBRATING and state.cal.stage != IDLE:
         leave_calibration(state)

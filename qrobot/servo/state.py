@@ -74,6 +74,7 @@ class ServoState:
     setpoint: Any
     setpoint_modes: Any  # of the frame being looked at, int64
     joint_modes: Any  # in force, int64
+    led_from: Any  # where each joint stood before a hand led it
     torque_setpoint: Any
     frame: Any  # a `servo.memory.setpoint_queue.QueuedFrame`
     force: Any  # (6,) force and torque at the wrist, N and N m; NaN where it is not known
@@ -218,8 +219,8 @@ def make_state(params: ServoParameters, law: Law) -> ServoState:
         q_ref=vector(), v_ref=vector(), a_ref=vector(), work=dynamics_work(n),
         gravity=vector(), friction=vector(), tau=vector(), tau_motor=vector(), scratch=vector(), dac=integers(),
         knots=np.zeros((N_KNOTS, n)), rounding=np.zeros((2, n)), aside=vector(), setpoint=vector(),
-        setpoint_modes=integers(), joint_modes=integers(), torque_setpoint=vector(), frame=make_frame(n),
-        force=np.full(N_COMPONENTS, np.nan), force_zero=np.array(params.wrench.bias),
+        setpoint_modes=integers(), joint_modes=integers(), led_from=vector(), torque_setpoint=vector(),
+        frame=make_frame(n), force=np.full(N_COMPONENTS, np.nan), force_zero=np.array(params.wrench.bias),
         sensors=np.zeros(N_ADCS), adc=make_adc_state(),
         index_watch=make_index_watch(), pots=make_pot_state(n), cal=make_calibration_state(n),
         memory=np.zeros(MEMORY_WORDS),

@@ -4,7 +4,7 @@ Their reference goes with them, so that no feedback holds them; gravity is carri
 friction. What is left of the law is damping, a limit of speed, and a wall before each end of the range:
 
     v_ref = (1 - DAMPING) v, less of it beyond GUIDE_SPEED of the tool's tip, and within GUIDE_SHARE of a joint's speed
-    q_ref = q, but no farther than WALL before the ends
+    q_ref = q, but no farther than WALL before the ends, or than where the joint stood when it was let go
 
 so whatever law is in force brakes the difference with its own gains. Without its key the arm is stopped on its way and
 held (`servo.checks.hold_to_run`).
@@ -26,7 +26,8 @@ GUIDE_SPEED: Final = 0.25  # m/s of the tip: reduced speed of ISO 10218-1
 GUIDE_SHARE: Final = 0.25  # of the greatest speed of a joint [A]
 DAMPING: Final = 0.1  # of the law's damping, at any speed [A]
 FRICTION_SHARE: Final = 0.7  # of the model's friction: with more, a model that is a third too large drives the arm [A]
-WALL: Final = 0.05  # rad (m) before the end of a range [A]
+WALL: Final = 0.05  # rad (m) before the end of a range, [A]
+WALL_SHARE: Final = 0.25  # but no more than this share of the range [A]
 BRAKING: Final = 0.6  # of the law's damping, on what the tip is too fast; the gains bear twice their size [A]
 TOO_FAST: Final = 1.6  # times the speed of the tip: braking is not enough, and the arm is stopped [A]
 
@@ -48,13 +49,29 @@ def lead_by_hand(params: ServoParameters, state: ServoState, mail: Any) -> None:
     for j in range(state.q.size):
         if state.joint_modes[j] == TORQUE_SETPOINT:
             most = GUIDE_SHARE * params.v_max[j]
-            low, high = state.range_min[j] + WALL, state.range_max[j] - WALL
+            low, high = walls(state, j)
             v = min(max(share * state.v[j], -most), most)
             if state.q_ref[j] < low:
                 state.q_ref[j], v = low, max(v, 0.0)
             elif state.q_ref[j] > high:
                 state.q_ref[j], v = high, min(v, 0.0)
             state.v_ref[j] = v
+
+
+@lean_kernel
+def note_unled(state: ServoState) -> None:
+    """Remember where each joint stands that no hand leads yet: its walls will not be farther in, and move nothing."""
+    for j in range(state.q.size):
+        if not led(state, j):
+            state.led_from[j] = state.q[j]
+
+
+@lean_kernel
+def walls(state: ServoState, j: int) -> tuple[float, float]:
+    """Places at which the walls of joint `j` begin, rad or m; the lower one is never beyond the upper one."""
+    low, high = state.range_min[j], state.range_max[j]
+    wall = min(WALL, WALL_SHARE * (high - low))
+    return min(low + wall, state.led_from[j]), max(high - wall, state.led_from[j])
 
 
 @lean_kernel

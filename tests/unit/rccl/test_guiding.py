@@ -123,6 +123,20 @@ def test_a_wall_stands_before_the_end_of_the_range() -> None:
     assert abs(one.arm.step(True).v[1]) < 0.01
 
 
+@pytest.mark.parametrize("short_of", [0.0, 0.009])
+def test_an_arm_that_stands_before_an_end_stays_there_when_the_key_is_pressed_and_leaves_with_a_hand(
+    short_of: float,
+) -> None:
+    end = BENT.copy()
+    end[1] = ROBOT.limits.q_max[1] - short_of
+    one = Guided(end)
+    one.steps(40)
+    assert np.abs(one.q - end).max() < 1e-3
+    one.push(np.array([0.0, -GENTLY[1], 0.0, 0.0, 0.0, 0.0])).steps(30)
+    assert one.arm.led
+    assert one.q[1] < end[1] - WALL
+
+
 def test_without_word_of_the_key_the_arm_stops_within_a_quarter_of_a_second_and_stays() -> None:
     one = Guided()
     one.push(GENTLY).steps(30)
