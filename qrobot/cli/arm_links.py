@@ -23,8 +23,7 @@ def link_of(arm: DeployedArm, offline: bool = False) -> LinkFactory:
         from qrobot.rccl.offline import OfflineLink
 
         return partial(OfflineLink, robot=robot_of_arm(arm))
-    address = arm.bridge.host, arm.bridge.port
-    return lambda hello: TcpLink(hello, address)
+    return partial(TcpLink, address=(arm.bridge.host, arm.bridge.port), arm=arm.name)
 
 
 def links_of(arms: Sequence[DeployedArm], link: Callable[[DeployedArm], LinkFactory]) -> ArmLinks:

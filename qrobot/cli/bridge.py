@@ -63,6 +63,7 @@ def bridge(deployment: str = DEFAULT_DEPLOYMENT, *, arm: str | None = None, port
                 f"bridge of {chosen.name} ({robot.name}) listens on {host}:{number}{_by_link(settings.link)}"
             ),
             Authority(chosen.name),
+            chosen.name,
         )
         leave_fifo()
 

@@ -233,11 +233,11 @@ def run_live(
     if len(arms) == 1:
         return run_through(heard(bridge_links(arms[0])), start, output)
     from qrobot import rci
-    from qrobot.cli.arm_links import links_of, the_only
+    from qrobot.cli.arm_links import link_of, links_of, the_only
     from qrobot.realtime.startup_order import await_turn
 
     await_turn()
-    links = links_of(arms, lambda arm: partial(rci.TcpLink, address=(arm.bridge.host, arm.bridge.port)))
+    links = links_of(arms, link_of)
     with rci.use(links, virtual_time=False):
         return run_through(the_only(links), start, output)
 
@@ -302,7 +302,7 @@ def bridge_links(arm: DeployedArm) -> LinkFactory:
     A bridge that the environment names may be another arm's, whose fences and outputs are not these: it is told, and
     does not count.
     """
-    from qrobot.rci import TcpLink
+    from qrobot.cli.arm_links import link_of
     from qrobot.rci.tcp import BRIDGE_VARIABLE
     from qrobot.realtime.startup_order import await_turn
 
@@ -312,7 +312,7 @@ def bridge_links(arm: DeployedArm) -> LinkFactory:
     if named and not _leads_to(named, address):
         note(f"{BRIDGE_VARIABLE} is {named}, but the bridge of {arm.name} is {own}, as its deployment file says")
     os.environ[BRIDGE_VARIABLE] = own
-    return lambda hello: TcpLink(hello, address)
+    return link_of(arm)
 
 
 def _leads_to(named: str, address: tuple[str, int]) -> bool:

@@ -21,6 +21,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterable
+from functools import partial
 from pathlib import Path
 from typing import Any, Final, TextIO
 
@@ -208,7 +209,7 @@ def main(told: str, taught: str) -> None:
     sys.argv[0] = "qrobot pendant"  # how it greets the bridge
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the pendant, whose end ends this
     arm = DeployedArm.model_validate_json(told)
-    link: LinkFactory = lambda hello: TcpLink(hello, (arm.bridge.host, arm.bridge.port))  # noqa: E731
+    link: LinkFactory = partial(TcpLink, address=(arm.bridge.host, arm.bridge.port), arm=arm.name)
     process = JogProcess(arm.robot, link, Path(taught), sys.stdout)
     threading.Thread(target=process.read, args=(sys.stdin,), name="messages", daemon=True).start()
     compile_motion(arm.robot)

@@ -245,6 +245,7 @@ def run_bridge(
     settings: BridgeSettings,
     on_ready: Callable[[str, int], None] | None = None,
     authority: ArmAuthority | None = None,
+    arm: str = "",
 ) -> None:
     """Serve whoever can read the token in the runtime folder, until SIGTERM, SIGINT or SIGHUP.
 
@@ -255,18 +256,19 @@ def run_bridge(
         settings: where to listen, and the limits.
         on_ready: called with host and port once clients can connect.
         authority: held while a client commands; see `Lease`.
+        arm: its name, which the token tells.
     """
     with asyncio.Runner(loop_factory=precise_loop) as runner:
-        runner.run(_serve(BridgeServer(port, settings, authority), on_ready))
+        runner.run(_serve(BridgeServer(port, settings, authority), on_ready, arm))
 
 
-async def _serve(server: BridgeServer, on_ready: Callable[[str, int], None] | None) -> None:
+async def _serve(server: BridgeServer, on_ready: Callable[[str, int], None] | None, arm: str = "") -> None:
     stop = asyncio.Event()
     for number in ending_signals():
         asyncio.get_running_loop().add_signal_handler(number, stop.set)
     server.take_address()
     try:
-        with offered_token(server.address[1]) as server.token:
+        with offered_token(server.address[1], arm) as server.token:
             await server.start()  # not before: who connects has looked for the token already
             if on_ready is not None:
                 on_ready(*server.address)

@@ -13,7 +13,7 @@ from typing import Final, TypeVar
 from qrobot.errors import ConfigError, LinkLost, LinkTimeout, error_text
 from qrobot.rci.client import Beside, Client, ServoLoss
 from qrobot.rci.link import NEW_PERIOD
-from qrobot.realtime.bridge_token import token_for
+from qrobot.realtime.bridge_token import arm_of_token, token_for
 from qrobot.realtime.deadline import Deadline
 from qrobot.wire import DEFAULT_PORT, ClientRole, Command, Hello, State, Welcome
 
@@ -97,6 +97,7 @@ class TcpLink:
         connector: opens the socket; tests bring their own.
         answer_s: how long the bridge may be silent, None for the usual time; in step with others at most
             `STEP_TIMEOUT_S` once a sample has come.
+        arm: name of the arm that is to be commanded; "" for whichever the bridge has.
 
     Attributes:
         address: as given.
@@ -110,8 +111,9 @@ class TcpLink:
         address: SocketAddress,
         connector: Callable[[SocketAddress], socket.socket] = connect,
         answer_s: float | None = None,
+        arm: str = "",
     ) -> None:
-        self._hello = hello
+        self._hello, self._arm = hello, arm
         self.address = address
         self._answer_s = answer_s
         self._client = self._new_client(address)
@@ -132,6 +134,7 @@ class TcpLink:
         """Connect and greet; see `Link.open`. Raises ConfigError: that arm is not for this program."""
         if self._hello.role is ClientRole.COMMANDER:
             check_reachable(self.address)
+            self._insist_on_arm()
         self._socket = self._connector(self.address)
         self._socket.settimeout(self.answer_s)
         self._send(self._client.greet())
@@ -195,7 +198,16 @@ class TcpLink:
 
     def _new_client(self, address: SocketAddress) -> Client:
         hello = self._hello if self._hello.auth else replace(self._hello, auth=token_for(*address))
+        self._found_arm = arm_of_token(hello.auth)
         return Client(hello, f"the bridge at {address[0]}:{address[1]}")
+
+    def _insist_on_arm(self) -> None:
+        """Raise ConfigError where the bridge tells that it has another arm than is looked for."""
+        if self._arm and self._found_arm and self._found_arm != self._arm:
+            raise ConfigError(
+                f"the bridge at {place_text(self.address)} is that of arm {self._found_arm!r}, not of {self._arm!r}: "
+                "--deployment names the file of an arm, --arm one of several"
+            )
 
     def _await(self, pop: Callable[[], T | None]) -> T:
         while (answer := pop()) is None:

@@ -2,7 +2,8 @@
 
 A bridge makes a new one at each start, in a file named after its port, and removes what killed bridges have left. A
 client on this machine finds it there; one that comes through a tunnel is given it in `$QROBOT_TOKEN`. What an account
-cannot read it cannot send.
+cannot read it cannot send. Behind its random part stands the name of the arm, so that a client that looks for one arm
+does not move another at the same address.
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ VARIABLE: Final = "QROBOT_TOKEN"
 RANDOM_BYTES: Final = 32
 LONGEST_BYTES: Final = 128
 _TOKEN: Final = re.compile(r"bridge-\d+\.token")
+_ARM: Final = ":"  # between the random part and the name of the arm
 _SHARED: Final = 0o040  # the folder's group may read
 
 
@@ -32,15 +34,15 @@ def token_name(port: int) -> str:
 
 
 @contextlib.contextmanager
-def offered_token(port: int) -> Iterator[bytes]:
-    """A new token, readable in the runtime folder while the block runs.
+def offered_token(port: int, arm: str = "") -> Iterator[bytes]:
+    """A new token, readable in the runtime folder while the block runs; `arm` has the bridge, "" for nobody's.
 
     The file is locked as long: two bridges that start at once can both take the port until one of them listens, and
     neither the token of the first nor the file is the other's to replace or remove.
 
     Raises LinkBusy when a living bridge offers its token there, LinkError, see `runtime_folder`.
     """
-    token = secrets.token_hex(RANDOM_BYTES).encode()
+    token = (secrets.token_hex(RANDOM_BYTES) + (f"{_ARM}{arm}" if arm else "")).encode()
     remove_dead_tokens()
     fd = _owned_file(port)
     try:
@@ -70,6 +72,11 @@ def token_for(host: str, port: int) -> bytes:
         return b""
     with open(fd, "rb") as file:
         return file.read(LONGEST_BYTES)
+
+
+def arm_of_token(token: bytes) -> str:
+    """Name of the arm whose bridge made the token; "" for one that tells none, as that of an isolated link."""
+    return token.decode("ascii", "replace").partition(_ARM)[2]
 
 
 def remove_dead_tokens() -> None:

@@ -11,7 +11,9 @@ import pytest
 from qrobot.cli.console import run_app
 from qrobot.cli.main import make_app
 from qrobot.cli.run import bridge_links
+from qrobot.config import load_robot
 from qrobot.config.deployment import load_deployment
+from qrobot.realtime.bridge_token import offered_token
 from tests.support.processes import free_port, write_deployment
 
 
@@ -140,3 +142,38 @@ def test_the_bridge_of_the_deployment_file_by_any_of_its_names_is_not_told_of(
     monkeypatch.setenv("QROBOT_BRIDGE", named.format(arm.bridge.port))
     bridge_links(arm)
     assert capsys.readouterr().err == ""
+
+
+@pytest.mark.parametrize(
+    ("command", "name", "text"),
+    [
+        (["run"], "program.py", PROGRAM),
+        (["val", "run"], "program.v2", ".PROGRAM main\n READY\n.END\n"),
+        (["teach", "places.db", "--script"], "script.txt", "where\n"),
+        (["replay", "--approach"], "led.csv", ""),
+    ],
+)
+def test_at_the_bridge_of_another_arm_than_is_looked_for_nothing_is_commanded(
+    deployment: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    command: list[str],
+    name: str,
+    text: str,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    arm = load_deployment(str(deployment)).arm[0]
+    given = tmp_path / name
+    given.write_text(text or _resting_setpoints())
+    with offered_token(arm.bridge.port, "cell"):
+        assert run_app(make_app(), [*command, str(given), "--deployment", str(deployment)]) == 1
+    complaint = capsys.readouterr().err
+    assert all(word in complaint for word in (f":{arm.bridge.port}", "'cell'", f"'{arm.name}'", "--deployment")), (
+        complaint
+    )
+
+
+def _resting_setpoints() -> str:
+    places = ",".join(f"{value:g}" for value in load_robot("puma560").poses["park"])
+    return "t_s,q1,q2,q3,q4,q5,q6\n" + "".join(f"{0.028 * k:.3f},{places}\n" for k in range(4))

@@ -12,11 +12,11 @@ from shutil import rmtree
 
 import pytest
 
-from qrobot.errors import LinkBusy, LinkError
+from qrobot.errors import ConfigError, LinkBusy, LinkError
 from qrobot.rccl_bridge import BridgeServer, BridgeSettings
 from qrobot.rccl_bridge.server import _serve
 from qrobot.rci import TcpLink, hello_for
-from qrobot.realtime.bridge_token import offered_token, token_for, token_name
+from qrobot.realtime.bridge_token import LONGEST_BYTES, arm_of_token, offered_token, token_for, token_name
 from qrobot.realtime.loopback import is_loopback, maybe_peer_account
 from tests.support.accounts import OTHER, as_other_account, needs_root
 from tests.support.bridge import Bridge
@@ -98,6 +98,30 @@ def test_of_two_bridges_that_took_one_port_the_one_that_listens_keeps_its_token(
 
     asyncio.run(start_both())
     assert not list(folder.iterdir())
+
+
+@pytest.mark.parametrize("arm", ["", "left", "a" * 32])
+def test_it_tells_which_arm_its_bridge_has(folder: Path, arm: str) -> None:
+    with offered_token(PORT, arm) as token:
+        assert arm_of_token(token) == arm_of_token(token_for("127.0.0.1", PORT)) == arm
+        assert len(token) <= LONGEST_BYTES
+
+
+@pytest.mark.parametrize(
+    ("has", "wanted", "refused"),
+    [("left", "right", True), ("left", "left", False), ("", "left", False), ("left", "", False)],
+)
+def test_a_commander_of_one_arm_does_not_greet_the_bridge_of_another(
+    folder: Path, has: str, wanted: str, refused: bool
+) -> None:
+    with Bridge() as bridge, offered_token(bridge.server.address[1], has) as bridge.server.token:
+        link = TcpLink(hello_for("puma560"), bridge.server.address, arm=wanted)
+        if refused:
+            with pytest.raises(ConfigError, match=r"is that of arm 'left', not of 'right': --deployment"):
+                link.open()
+        else:
+            assert link.open().robot == "puma560"
+        link.close()
 
 
 def test_the_variable_comes_before_the_file(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
