@@ -69,6 +69,10 @@ class Path:
         """Stand at the goal of Cartesian `coordinates`, at rest until now."""
         self.coordinates, self.piece = coordinates, rest(np.zeros(6), clock)
 
+    def rest_at(self, q: Floats, clock: float) -> None:
+        """Stand at the joint positions `q` (n,), at rest until now."""
+        self.coordinates, self.piece = JOINTS, rest(q, clock)
+
     def enter(self, segment: Segment, begin: float, state: Floats) -> None:
         """Turn into `segment`, beginning at path time `begin` with `state` (3, m) in the segment's coordinates."""
         self._take(PhaseStep.ENTER)

@@ -160,6 +160,7 @@ class Sequencer:
         if queued is None or not queued.settled or self._trajectory.held:
             return False
         if queued.here:
+            self._trajectory.stand_exactly()
             return self._begin_here()
         if not queued.fixed:
             self._trajectory.override.jump(FULL_SPEED)
@@ -173,12 +174,9 @@ class Sequencer:
     def _leave_segment(self, segment: Segment) -> bool:
         """Enter the transition to the request that follows, or to rest, once it is time for it."""
         queued = self._follower()
-        if self.stopping or queued is None or not queued.settled:
+        if self.stopping or queued is None or queued.here or not queued.settled:
             return self._approach_rest(segment)
-        if queued.here and not segment.coordinates.fixed:
-            return self._is_time(segment.rest_begin) and self._begin_here()
-        # where HERE stands still the arm comes to rest anyhow
-        transition = None if queued.here else self._transition_to(segment, queued)
+        transition = self._transition_to(segment, queued)
         if transition is None:
             return self._approach_rest(segment)
         if not self._is_time(segment.end - transition.schedule.transition):
@@ -231,7 +229,7 @@ class Sequencer:
         return True
 
     def _arrive(self, segment: Segment) -> bool:
-        """Stand exactly at the target once the transition to rest is over."""
+        """Stand exactly at the target once the transition to rest is over, or stay with it, for a sample at least."""
         if not self._is_time(self._path.piece.end):
             return False
         self._pass_via_point()  # that before it, when samples were left out
@@ -241,7 +239,8 @@ class Sequencer:
         self._stop = None
         if ended is not None:
             self.events.ended(ended, Termination.COMPLETED)
-        return True
+        queued = self._queue.peek()
+        return self._path.coordinates.fixed or queued is None or not queued.here
 
     def _enter_from_state(
         self,

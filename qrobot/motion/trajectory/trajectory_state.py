@@ -241,6 +241,14 @@ class TrajectoryState:
         self.path.coordinates = JOINTS
         self.hold(q)
 
+    def stand_exactly(self) -> None:
+        """Stand in the joints' coordinates where the goal is that the arm has come to, unless that moves.
+
+        Its newest setpoints may have moved still. Raises as `setpoint`.
+        """
+        if self.path.coordinates.fixed and not self.on_joint_path:
+            self.path.rest_at(self.setpoint(), self.clock)
+
     def stand_still(self, tick: int) -> None:
         """The arm has stood at the newest setpoint since before sample `tick`, and path time with it."""
         self.override.jump(0.0)
