@@ -16,7 +16,7 @@ from qrobot.config import Robot
 from qrobot.config.signals import N_BOARD_INPUTS, NamedSignal, no_output
 from qrobot.errors import ConfigError, MotionError
 from qrobot.rci.arguments import as_float, collision_of, payload_of, shown
-from qrobot.rci.machine_choice import machine_choice
+from qrobot.rci.machine_choice import MachineChoice, choice_for
 from qrobot.units import S_PER_MS
 
 ANSWERED: Final = 4  # samples after which the newest one shows what was switched, or that it was not to be [A]
@@ -27,10 +27,12 @@ class LineCalls(ABC):
 
     Attributes:
         name: of the arm.
+        bridge: its address, where the program has named it by that; else empty.
         ami: the way to it.
     """
 
     name: str
+    bridge: str
     ami: RobotMachine
     _robot: Robot
 
@@ -67,7 +69,7 @@ class LineCalls(ABC):
 
         Raises MotionError: there is no such output, it does not show so much, or one before was refused.
         """
-        check_analog(f"output {output} of {self.name}", volts, machine_choice().analog_ranges.get(output))
+        check_analog(f"output {output} of {self.name}", volts, self._choice.analog_ranges.get(output))
         with self._lock():
             self.ami.write_analog(output, volts)
             self._analog[output] = float(volts)
@@ -136,10 +138,10 @@ class LineCalls(ABC):
 
         Without one, as of a program that `qrobot run` has not started, nobody knows.
         """
-        choice = machine_choice()
-        if choice.outputs is None or choice.robot is None or choice.robot.name != self.name:
+        outputs = self._choice.outputs
+        if outputs is None:
             return
-        there = choice.outputs if output else range(1, N_BOARD_INPUTS + 1)
+        there = outputs if output else range(1, N_BOARD_INPUTS + 1)
         missing = [number for number in numbers if number not in there]
         if not missing:
             return
@@ -152,18 +154,20 @@ class LineCalls(ABC):
 
     def signal(self, name: str) -> NamedSignal:
         """The signal of that name in the deployment file. Raises ConfigError: there is none; tells which there are."""
-        choice = machine_choice()
-        known = {
-            each.name: each for each in choice.signals if choice.robot is not None and choice.robot.name == self.name
-        }
+        known = {each.name: each for each in self._choice.signals}
         if name in known:
             return known[name]
         if not known:
             raise ConfigError(
                 f"{self.name} has no signal {name!r}, nor any other: name them by [[arm.signals]] of the deployment "
-                "file, and start the program with `qrobot run`"
+                "file, and start the program with `qrobot run` for this arm"
             )
         raise ConfigError(f"{self.name} has no signal {name!r}; it has {', '.join(sorted(known))}")
+
+    @property
+    def _choice(self) -> MachineChoice:
+        """The choice of whoever started the program, as far as it is about this arm."""
+        return choice_for(self.name, self.bridge)
 
 
 def _grip_value(command: Grip, value: object) -> float:

@@ -29,7 +29,7 @@ from qrobot.config import Robot, load_robot
 from qrobot.errors import JointLimit, MotionError, QRobotError
 from qrobot.motion import Blend, Trsf, warm_up, warm_up_cartesian
 from qrobot.rci.arguments import as_float, shown
-from qrobot.rci.machine_choice import machine_choice
+from qrobot.rci.machine_choice import choice_for, machine_choice
 from qrobot.rci.tcp import address_text
 
 DEFAULT_ROBOT = "puma560"
@@ -50,20 +50,20 @@ def arcl_open(*attributes: Any) -> ArclRobot:
     if Attribute.ARCL_ARGCV in given:
         switches.take(_argv(*given[Attribute.ARCL_ARGCV]))
     one = {attribute: values[0] for attribute, values in given.items() if len(values) == 1}
-    arm = _robot(one.get(Attribute.ARCL_ROBOT, DEFAULT_ROBOT))
+    bridge = _bridge(one.get(Attribute.ARCL_BRIDGE, ""))
+    arm = _robot(one.get(Attribute.ARCL_ROBOT, DEFAULT_ROBOT), bridge)
     layer = switches.ami or one.get(Attribute.ARCL_AMI) or machine_choice().ami or DEFAULT_MACHINE
     if switches.unlimited and layer != "offline":
         raise MotionError("+nolim: joints without ranges are for the off-line machine alone")
     aki = kinematics(arm, switches.aki or one.get(Attribute.ARCL_AKI, ""), switches.unlimited)
     settings = MachineSettings(
         arm, aki.zero, _period(one.get(Attribute.ARCL_PERIOD)), _stream(one, arm), Path(sys.argv[0] or "python").name,
-        Attribute.ARCL_CLEAR in given, _start(one.get(Attribute.ARCL_START), arm, aki),
-        _bridge(one.get(Attribute.ARCL_BRIDGE, "")),
+        Attribute.ARCL_CLEAR in given, _start(one.get(Attribute.ARCL_START), arm, aki, bridge), bridge,
     )  # fmt: skip
     if layer not in EMULATED:  # no sample may wait for the compiler
         warm_up(arm.n, Blend.ZERO_JERK)
         warm_up_cartesian(aki.limits, aki, arm.poses["park"] - aki.zero, Blend.ZERO_JERK)
-    rp = ArclRobot(arm, aki, machine(layer, settings))
+    rp = ArclRobot(arm, aki, machine(layer, settings), bridge)
     remember(rp)
     return rp
 
@@ -90,12 +90,11 @@ def _bridge(address: object) -> str:
     return address_text(address) if address else ""
 
 
-def _robot(name: object) -> Robot:
+def _robot(name: object, bridge: str) -> Robot:
     if not isinstance(name, str | Robot):
         raise MotionError(f"ARCL_ROBOT: a name or a path is needed, not {name!r}")
     arm = load_robot(name) if isinstance(name, str) else name
-    chosen = machine_choice().robot
-    return chosen if chosen is not None and chosen.name == arm.name else arm
+    return choice_for(arm.name, bridge).robot or arm
 
 
 def _stream(one: dict[Attribute, Any], arm: Robot) -> Path | None:
@@ -111,11 +110,10 @@ def _stream(one: dict[Attribute, Any], arm: Robot) -> Path | None:
     return folder / f"{arm.name}{f'-{number + 1}' if number else ''}.arcl"
 
 
-def _start(degs: Sequence[float] | None, arm: Robot, aki: ManipulatorKinematics) -> Floats | None:
+def _start(degs: Sequence[float] | None, arm: Robot, aki: ManipulatorKinematics, bridge: str) -> Floats | None:
     """Setpoints at which an arm stands that is not there: as the program says, or whoever has started it; or None."""
     if degs is None:
-        choice = machine_choice()
-        chosen = choice.start if choice.robot is arm else None
+        chosen = choice_for(arm.name, bridge).start
         return None if chosen is None else chosen - aki.zero
     q, limits = joints_of("ARCL_START", degs, units_of(arm)), aki.limits
     outside = np.flatnonzero(~((q >= limits.q_min) & (q <= limits.q_max)))

@@ -43,15 +43,16 @@ class ArclRobot(PathCalls, LineCalls):
         robot: the arm.
         aki: its kinematics.
         ami: the way to it, not yet open.
+        bridge: its address, where the program names it by that; else empty.
 
     Attributes:
         name: of the arm.
         aki: as given, with the limits that motions have on this machine.
-        ami: as given.
+        ami, bridge: as given.
     """
 
-    def __init__(self, robot: Robot, aki: ManipulatorKinematics, ami: RobotMachine) -> None:
-        self.name = robot.name
+    def __init__(self, robot: Robot, aki: ManipulatorKinematics, ami: RobotMachine, bridge: str = "") -> None:
+        self.name, self.bridge = robot.name, bridge
         self.aki, self.ami = aki, ami
         self._full_aki = aki
         self._robot = robot
@@ -68,7 +69,7 @@ class ArclRobot(PathCalls, LineCalls):
     def _begin_at(self, q: Floats) -> None:
         """Begin to move the arm from where it is held, within the limits that the machine has now."""
         self.aki = _on_machine(self._full_aki, self.ami)
-        fences = fences_for(self.name)
+        fences = fences_for(self.name, self.bridge)
         fences = None if fences is None else fences.seen_from(self.aki.zero)
         self._motions = MotionQueue(self.aki, self.ami.period_s, q, self, fences, self._one_by_one)
         self._kept.serve(self._motions, self.aki)

@@ -6,11 +6,10 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from typing import NoReturn, TypeAlias
 
-from qrobot.cli.arms import robot_of_arm
+from qrobot.cli.arms import place_of_arm, robot_of_arm
 from qrobot.config.deployment import DeployedArm
 from qrobot.errors import ConfigError
 from qrobot.rci import LinkFactory, TcpLink
-from qrobot.rci.tcp import place_text
 from qrobot.wire import Hello
 
 ArmLinks: TypeAlias = LinkFactory | dict[str, LinkFactory]
@@ -32,7 +31,7 @@ def links_of(arms: Sequence[DeployedArm], link: Callable[[DeployedArm], LinkFact
         return link(arms[0])
     made = [(arm, link(arm)) for arm in arms]
     by_name = {arm.name: way for arm, way in made}
-    return by_name | {place_text((arm.bridge.host, arm.bridge.port)): way for arm, way in made}
+    return by_name | {place_of_arm(arm): way for arm, way in made}
 
 
 def the_only(links: ArmLinks) -> LinkFactory:

@@ -55,6 +55,13 @@ def robot_of_arm(arm: DeployedArm) -> Robot:
     return load_robot(arm.robot)
 
 
+def place_of_arm(arm: DeployedArm) -> str:
+    """The address of an arm's bridge, as programs may name it."""
+    from qrobot.rci.tcp import place_text
+
+    return place_text((arm.bridge.host, arm.bridge.port))
+
+
 def controlled_robot(arm: DeployedArm, model: str | None = None) -> tuple[Robot, str]:
     """The robot as the servo of an arm knows it, and the model it was identified by ("" for the robot file's own).
 
@@ -138,7 +145,7 @@ def inside_fences(arm: DeployedArm) -> Iterator[None]:
         return
     from qrobot.fences.in_force import use_fences
 
-    with use_fences(fences_of_arm(arm)):
+    with use_fences(fences_of_arm(arm), place_of_arm(arm)):
         yield
 
 

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Annotated, Final
 from cyclopts import Parameter
 
 from qrobot.cli import run_options as options
-from qrobot.cli.arms import DEFAULT_DEPLOYMENT, choose_arms, inside_fences, robot_of_arm
+from qrobot.cli.arms import DEFAULT_DEPLOYMENT, choose_arms, inside_fences, place_of_arm, robot_of_arm
 from qrobot.cli.console import FAILURE, complain, err, note
 from qrobot.cli.option_types import checked_folder
 from qrobot.cli.program_errors import own_place, own_traceback
@@ -112,7 +112,7 @@ def run(
 def machine_of(
     arms: Sequence[DeployedArm], ami: str, folder: Path | None, start: str | None = None
 ) -> AbstractContextManager[None]:
-    """Block in which programs of ARCL have that machine; only a single arm stands for the robot of its name."""
+    """Block in which programs of ARCL have that machine; what the file says is said where it is about a single arm."""
     from qrobot.cli.teach_pendant import terminal_pendant
     from qrobot.rci.machine_choice import MachineChoice, use_machine
 
@@ -121,7 +121,7 @@ def machine_of(
     (arm,) = arms
     choice = MachineChoice(
         ami, folder, robot_of_arm(arm), arm.named_signals, terminal_pendant, arm.analog_ranges, start_place(start, arm),
-        frozenset(each.output for each in arm.board.lines),
+        frozenset(each.output for each in arm.board.lines), place_of_arm(arm),
     )  # fmt: skip
     return use_machine(choice)
 

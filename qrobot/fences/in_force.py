@@ -8,20 +8,25 @@ from contextvars import ContextVar
 
 from qrobot.fences.fence_set import FenceSet
 
-_fences: ContextVar[FenceSet | None] = ContextVar("fences", default=None)
+_fences: ContextVar[tuple[FenceSet | None, str]] = ContextVar("fences", default=(None, ""))  # and the arm's bridge
 
 
 @contextmanager
-def use_fences(fences: FenceSet | None) -> Iterator[None]:
-    """Arms of that robot that are taken in this block keep within these fences."""
-    token = _fences.set(fences)
+def use_fences(fences: FenceSet | None, bridge: str = "") -> Iterator[None]:
+    """The arm of that robot, at `bridge` or at none that has a name, keeps within these fences when taken in here."""
+    token = _fences.set((fences, bridge))
     try:
         yield
     finally:
         _fences.reset(token)
 
 
-def fences_for(robot: str) -> FenceSet | None:
-    """The fences for an arm that is taken now, by the name in its robot file; None for none."""
-    fences = _fences.get()
-    return fences if fences is not None and fences.robot == robot else None
+def fences_for(robot: str, bridge: str = "") -> FenceSet | None:
+    """The fences for an arm that is taken now; None for none.
+
+    Args:
+        robot: the name in its robot file.
+        bridge: the address at which the program has named it, "host:port"; empty for the arm of the program.
+    """
+    fences, place = _fences.get()
+    return fences if fences is not None and fences.robot == robot and bridge in ("", place) else None

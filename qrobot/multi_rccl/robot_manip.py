@@ -50,7 +50,9 @@ class RobotManip(Manip):
         name, robot, self.bridge = known.name, known.file, known.bridge
         self.name, self.completed = name, Event(f"{name}.completed")
         self.trans = MovingTransform(f"{name}.trans", name)
-        self._open: OpenChannel = partial(open_channel, factory, robot, traces=traces_wanted(), prepare=self._prepare)
+        self._open: OpenChannel = partial(
+            open_channel, factory, robot, traces=traces_wanted(), prepare=self._prepare, bridge=known.place
+        )
         self._group = group
         self._channel: Channel | None = None
         self._task: TrajectoryTask | None = None

@@ -29,10 +29,12 @@ def open_channel(
     traces: list[Trace] | None = None,
     prepare: Callable[[TrajectoryTask], object] = lambda _task: None,
     processor: str = HOST,
+    bridge: str = "",
 ) -> Channel:
     """Connect to `robot` and take control; see `control`.
 
-    A trace of what is done with it is added to `traces`; `prepare` is called with its task before that runs.
+    A trace of what is done with it is added to `traces`; `prepare` is called with its task before that runs. `bridge`
+    is the address in full at which the program names the arm, "" where it does not.
     """
     if apart := processor != HOST:
         cpu_of(processor)  # which refuses one that is not there
@@ -41,7 +43,7 @@ def open_channel(
     link = factory(hello_for(arm.name, period_us))
     if apart and not link.virtual_time:
         return _open_apart(link, arm, clear_fault, blend, processor)
-    fences = fences_for(arm.name)
+    fences = fences_for(arm.name, bridge)
     compile_all(arm, blend)
     if not link.virtual_time:
         prepare_interpreter()

@@ -12,7 +12,7 @@ from typing import Final, TypeAlias
 from qrobot.errors import ConfigError
 from qrobot.rci.link import Link, LinkFactory, hello_for
 from qrobot.rci.robot_data import KnownRobot, RobotData
-from qrobot.rci.tcp import TcpLink, address_text, bridge_address
+from qrobot.rci.tcp import TcpLink, bridge_address
 from qrobot.wire import Hello
 
 OpenLink: TypeAlias = Callable[[int], Link]
@@ -87,7 +87,7 @@ def _bridges(ways: dict[str, LinkFactory]) -> dict[str, str]:
 
 def _way(ways: dict[str, LinkFactory], robot: KnownRobot) -> LinkFactory:
     """The way to a robot. Raises ConfigError: there is none, or another arm has its name than is at its address."""
-    place = address_text(robot.bridge) if robot.bridge else ""
+    place = robot.place
     named, placed = ways.get(robot.name), ways.get(place)
     if named is not None and placed is not None and named is not placed:
         raise ConfigError(

@@ -45,6 +45,7 @@ class MachineChoice:
         pendant: with which a person may move an arm that a program lends; None for none.
         start: where that robot stands when it is not there, rad or m, shape (n,); None for its park pose.
         outputs: numbers of its binary outputs that lead somewhere, from 1; None where nobody knows.
+        bridge: its address, "host:port"; empty where nobody knows.
     """
 
     ami: str = ""
@@ -55,6 +56,7 @@ class MachineChoice:
     analog_ranges: Mapping[int, tuple[float, float]] = field(default_factory=dict)
     start: Floats | None = None
     outputs: frozenset[int] | None = None
+    bridge: str = ""
 
 
 _choice: ContextVar[MachineChoice] = ContextVar("machine_choice", default=MachineChoice())  # noqa: B039 (immutable)
@@ -73,3 +75,16 @@ def use_machine(choice: MachineChoice) -> Iterator[None]:
 def machine_choice() -> MachineChoice:
     """The choice for the program that asks."""
     return _choice.get()
+
+
+def choice_for(robot: str, bridge: str) -> MachineChoice:
+    """The same for one arm of the program, without what it says of another one.
+
+    Args:
+        robot: the name in its robot file.
+        bridge: the address at which the program has named it, "host:port"; empty for the arm of the program.
+    """
+    choice = machine_choice()
+    if choice.robot is not None and choice.robot.name == robot and bridge in ("", choice.bridge):
+        return choice
+    return MachineChoice(choice.ami, choice.stream, pendant=choice.pendant)

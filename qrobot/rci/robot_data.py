@@ -27,6 +27,7 @@ from qrobot.model.transmission import (
     transmission_params,
 )
 from qrobot.motion import MotionLimits, motion_limits
+from qrobot.rci.tcp import address_text
 from qrobot.wire import RobotState
 
 
@@ -121,10 +122,15 @@ class KnownRobot:
     file: str
     bridge: str = ""
 
+    @property
+    def place(self) -> str:
+        """Address of its bridge in full, "" for that of the program's. Raises ConfigError: that is no address."""
+        return address_text(self.bridge) if self.bridge else ""
+
     def data(self) -> RobotData:
         """Its parameters; fences are those of the arm for which the program was started. Raises ConfigError."""
         robot = load_robot(self.file)
-        return RobotData(robot, None if self.bridge else fences_for(robot.name))
+        return RobotData(robot, fences_for(robot.name, self.place))
 
 
 class RobotTable:

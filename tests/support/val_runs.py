@@ -48,7 +48,7 @@ def ideal_arm(library: str = "rccl", period_ms: float = 28.0) -> Iterator[ValArm
             yield RcclArm(channel)
     else:
         with (
-            use_machine(MachineChoice("offline", analog_ranges={1: (0.0, 10.0)})),
+            use_machine(MachineChoice("offline", None, load_robot("puma560"), analog_ranges={1: (0.0, 10.0)})),
             arcl_arm(load_robot("puma560"), period_ms) as arm,
         ):
             yield arm

@@ -11,11 +11,11 @@ from typing import TypeAlias
 import pytest
 
 from qrobot import rci
-from qrobot.cli.arm_links import links_of
+from qrobot.cli.arm_links import link_of, links_of
 from qrobot.config.deployment import DeployedArm, load_deployment
 from qrobot.errors import ConfigError
 from qrobot.rccl.c.program import run_executable
-from qrobot.rci import TcpLink, VirtualLink
+from qrobot.rci import VirtualLink
 from tests.support.c_programs import compiled, needs_compiler
 from tests.support.fake_robot import FakeRobot, TcpRobot
 from tests.support.puma import PARK
@@ -115,10 +115,7 @@ def running() -> Iterator[tuple[list[FakeRobot], list[int]]]:
     fakes = [FakeRobot(tuple(PARK), patience=1 << 30) for _ in range(2)]
     with ExitStack() as served:
         ports = [served.enter_context(TcpRobot(fake, 0.005)).address[1] for fake in fakes]
-        ways = links_of(
-            list(deployed(ports).values()), lambda arm: partial(TcpLink, address=(arm.bridge.host, arm.bridge.port))
-        )
-        with rci.use(ways, virtual_time=False):
+        with rci.use(links_of(list(deployed(ports).values()), link_of), virtual_time=False):
             yield fakes, ports
 
 
