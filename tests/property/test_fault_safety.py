@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
 
 from qrobot.hwif.board_memory import FAULT_SLOTS
-from qrobot.hwif.registers import DAC_ZERO, DISCRETE, DISCRETE_POWER
+from qrobot.hwif.registers import DAC_ZERO, DISCRETE, DISCRETE_POWER, STATUS_ESTOP_OK
 from qrobot.hwif.trace import load_head
 from qrobot.modecodes import Mode
 from qrobot.servo.modes import gives_torque, may_follow, wants_power
@@ -141,6 +141,8 @@ class FaultyArm(RuleBasedStateMachine):
         if len(discrete):
             assert bool(discrete[-1] & DISCRETE_POWER) == wants_power(mode)
         assert wants_power(mode) or not self.rig.emulator.powered
+        estop_open = self.rig.state.image_ok and not self.rig.state.status & STATUS_ESTOP_OK
+        assert not (estop_open and wants_power(mode))
 
 
 TestFaultyArm = FaultyArm.TestCase

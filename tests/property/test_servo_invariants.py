@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
 
 from qrobot.hwif.board_memory import Lane
-from qrobot.hwif.registers import DAC_ZERO, DISCRETE, DISCRETE_HAND_CLOSE, DISCRETE_HAND_OPEN
+from qrobot.hwif.registers import DAC_ZERO, DISCRETE, DISCRETE_HAND_CLOSE, DISCRETE_HAND_OPEN, STATUS_ESTOP_OK
 from qrobot.modecodes import Mode
 from qrobot.servo.kernels.interpolation_polynomials import FORMS
 from qrobot.servo.kernels.velocity import ESTIMATORS
@@ -209,6 +209,7 @@ class ServoMachine(RuleBasedStateMachine):
         self._no_bad_number(new)
         self._reference_has_no_step(new)
         self._power_only_when_wanted()
+        self._none_with_the_emergency_stop_open()
         assert sum(a == Mode.OFF and b == Mode.POWERING for a, b in pairwise(rows["mode"])) <= self.asked
         self.seen_rows = len(rows)
 
@@ -240,6 +241,11 @@ class ServoMachine(RuleBasedStateMachine):
             assert self.bench.powered == wants_power(self.bench.mode)
         hands = DISCRETE_HAND_OPEN | DISCRETE_HAND_CLOSE
         assert all(write.value & hands for write in self.bench.writes if write.offset == DISCRETE)  # never both on
+
+    def _none_with_the_emergency_stop_open(self) -> None:
+        state = self.bench.state
+        if state.image_ok and not state.status & STATUS_ESTOP_OK:
+            assert not wants_power(self.bench.mode)
 
 
 TestServo = ServoMachine.TestCase
