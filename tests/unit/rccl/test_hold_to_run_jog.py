@@ -120,13 +120,14 @@ def test_where_no_straight_path_leads_on_the_arm_stops_and_says_so() -> None:
     assert set(desk.rows["fault"].tolist()) == {FaultCode.NONE}
 
 
-def test_a_jog_that_hangs_with_its_key_held_is_stopped_by_the_servo() -> None:
+@pytest.mark.parametrize("key", [".", ","])
+def test_a_jog_that_hangs_with_its_key_held_is_stopped_by_the_servo(key: str) -> None:
     """Its main thread no longer brakes, and its samples say that the key is let go."""
 
     def hang(arm: rccl.Channel) -> None:
         arm.stop = lambda _ms=0.0: arm.waitas(lambda: False)  # type: ignore[method-assign]
 
-    desk = Desk([(100.0, "1")], held(".", START_MS, 2000.0))
+    desk = Desk([(100.0, "1")], held(key, START_MS, 2000.0))
     with pytest.raises(ServoFault, match="HOLD_TO_RUN"):
         desk.jog(hang)
     rows = desk.rows

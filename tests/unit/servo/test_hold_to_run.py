@@ -66,6 +66,19 @@ def test_a_key_let_go_or_a_link_lost_stops_the_arm_on_its_path_within_100_ms(lin
     assert bench.mode is Mode.HOLDING
 
 
+@pytest.mark.parametrize(
+    ("joint", "speed"), [(0, -0.5), (1, 0.02), (2, -0.02), (3, 0.5), (4, -0.5), (5, 0.02), (5, -0.02)]
+)
+def test_a_key_let_go_stops_any_joint_either_way(joint: int, speed: float) -> None:
+    bench = ServoBench(pose="ready")
+    key = held(bench)
+    moving(bench, speed, joint, seconds=0.5)
+    released_ns, key[0] = bench.now_ns, False
+    bench.until(lambda: bench.mode is Mode.STOPPING, 0.2)
+    assert bench.event is FaultCode.HOLD_TO_RUN
+    assert bench.now_ns - released_ns <= BOUND_NS
+
+
 def test_a_program_that_goes_on_while_its_key_hangs_is_stopped() -> None:
     bench = ServoBench()
     tell_key(bench.mailbox, STREAM, bench.now_ns)
