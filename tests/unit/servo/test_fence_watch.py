@@ -11,6 +11,8 @@ from qrobot.config.fences import Fence
 from qrobot.errors import ServoFault
 from qrobot.faultcodes import FaultCode
 from qrobot.fences.fence_set import FenceSet
+from qrobot.fences.gate import DEEPER_M, GATE, N_VERDICT, REACTION_S
+from qrobot.fences.table import N_ROWS, N_WORK
 from qrobot.modecodes import Mode
 from qrobot.rig.lockstep import LockstepRig, link_factory
 from qrobot.servo.settings import ServoSettings
@@ -57,6 +59,60 @@ def test_setpoints_into_a_fence_are_stopped_before_it(speed: float) -> None:
     assert 0.0 <= min(distances) < 0.03
     assert fenced.mailbox.snapshot().mode == Mode.HOLDING
     assert category_of(FaultCode.FENCE) == 2
+
+
+FOLDED = PARK + np.radians([0.0, 65.0, 0.0, 0.0, 0.0, 0.0])  # the elbow before the chest
+FAR = Fence(name="far", shape="plane", position_m=(0.0, 0.0, -5.0))
+
+
+@pytest.mark.parametrize(
+    ("fences", "start", "goal"),
+    [
+        (FenceSet(ROBOT, [FAR, *plane_beside(0.2).fences]), PARK, PARK + TURNED),
+        (FenceSet(ROBOT, [], self_collision=True), FOLDED, FOLDED + np.radians([0.0, 23.0, 0.0, 0.0, 0.0, 0.0])),
+        (FenceSet(ROBOT, [FAR], self_collision=True), FOLDED, FOLDED + np.radians([0.0, 5.0, 55.0, 0.0, 0.0, 0.0])),
+    ],
+    ids=["the second fence", "itself", "itself behind a fence"],
+)
+def test_every_fence_stops_the_arm_and_so_does_the_arm_itself(fences: FenceSet, start: Floats, goal: Floats) -> None:
+    assert fences.distances(goal)[-2:].min() < -0.01
+    fenced = rig(fences, start)
+    with pytest.raises(ServoFault, match="FENCE: the arm would enter a fence"):
+        turn(fenced, goal, 1.0)
+    fenced.run_for(0.5)
+    distances = [fences.distances(q).min() for q in fenced.rows()["q"][::5]]
+    assert 0.0 <= min(distances) < 0.03
+
+
+def box(name: str, *place: float) -> Fence:
+    """A box of half a metre."""
+    return Fence(name=name, shape="box", size_m=(0.5, 0.5, 0.5), position_m=place)
+
+
+def test_the_gate_stops_where_one_that_stops_now_would_come_to_rest_in_any_fence_or_in_the_arm_itself() -> None:
+    """Each by itself, whichever joint moves; distances are those that `test_fence_distances` holds."""
+    boxes = [box("front", 0.9, 0.0, 0.0), box("side", 0.0, 0.9, 0.3), box("back", -0.8, 0.0, -0.3)]
+    fences = FenceSet(ROBOT, boxes, self_collision=True)
+    limits, a_stop, overshoot_s = ROBOT.limits, np.array(ROBOT.guard.a_stop), np.array(ROBOT.control.stop_overshoot_s)
+    random, verdict, alone, free = np.random.default_rng(3), np.zeros(N_VERDICT), set[tuple[int, int]](), 0
+    for draw in range(900):
+        joint, q, v = draw % 6, random.uniform(limits.q_min, limits.q_max), np.zeros(6)
+        v[joint] = random.uniform(-1.0, 1.0) * limits.v_max[joint]
+        GATE(q, v, a_stop, overshoot_s, fences.words, np.zeros(N_WORK), np.zeros(3 * N_ROWS), np.zeros(6), verdict)
+        seconds = 0.5 * 15.0 / 8.0 * abs(v[joint]) / a_stop[joint] + overshoot_s.max() + REACTION_S
+        now = fences.distances(q)
+        there = np.array([fences.distances(q + v * seconds * part / 3.0) for part in (1, 2, 3)])
+        entered = (there < 0.0) & ((now >= 0.0) | (now - there > DEEPER_M))
+        assert verdict[0] == entered.any()
+        free += not entered.any()
+        if entered.any():
+            assert verdict[1] == pytest.approx(there[entered].min(), abs=1e-12)
+            assert entered[:, int(verdict[2])].any()
+        if np.count_nonzero(entered.any(axis=0)) == 1:
+            alone.add((int(verdict[2]), joint))
+    assert free > 200
+    assert {row for row, _ in alone} == {0, 1, 2, 3}
+    assert {joint for _, joint in alone} >= {0, 1, 2}
 
 
 def test_an_arm_inside_a_fence_may_leave_it_and_not_go_deeper() -> None:
