@@ -23,7 +23,7 @@ from qrobot.modecodes import Mode
 from qrobot.realtime.structure import view_words
 from qrobot.rig.lockstep import LockstepRig
 from qrobot.servo.memory.mailbox import ServoMailbox
-from qrobot.servo.memory.published_state import ServoSnapshot
+from qrobot.servo.memory.published_state import FLAG_CALIBRATED, ServoSnapshot
 from qrobot.servo.memory.servo_memory import create_servo_memory
 from qrobot.servo.memory.setpoint_queue import POSITION_SETPOINT
 from qrobot.servo.neighbour import (
@@ -34,6 +34,7 @@ from qrobot.servo.neighbour import (
     NOT_HEARD_OF,
     TOO_NEAR,
     VERDICT,
+    Neighbour,
     NeighbourLook,
     distances_at_stops,
     neighbour_between,
@@ -63,6 +64,7 @@ fences = { arms = ["left"], arm_margin_m = 0.04 }
 MARGIN_M = 0.04
 REACH = np.array([-0.2, 0.3, -0.6, 0.0, 0.0, 0.0])  # from park, towards the other arm
 FRAME_S = 0.025
+TURNS = np.array([1.0, 0.0, -0.5, 0.0, 0.0, 0.0])  # rad/s
 MIDDLE = np.diag([-1.0, -1.0, 1.0])  # right's axes in those of left
 
 
@@ -194,6 +196,72 @@ def test_an_arm_whose_neighbour_is_lost_while_it_moves_is_stopped_and_moves_no_m
     assert cell.codes()[0] == FaultCode.FENCE
     assert cell.rigs[0].mailbox.snapshot().q == pytest.approx(stood, abs=0.02)
     assert lost == "is not looked at" or cell.looks[0].look() == NOT_HEARD_OF
+
+
+@pytest.mark.parametrize("which", range(3))
+@pytest.mark.parametrize(("lost", "soonest_s", "latest_s"), [("is met", 0.0, 0.002), ("hangs", 0.1, 0.103)])
+def test_of_three_neighbours_each_one_stops_the_arm(
+    file: str, lost: str, soonest_s: float, latest_s: float, which: int
+) -> None:
+    neighbours = neighbours_of_arm(choose_arm(file, "left"), file) * 3
+    rig = LockstepRig(ROBOT, ServoSettings(rate_hz=1000.0, neighbours=neighbours), Emulator(ROBOT, physics="rigid"))
+    told = rig.state.neighbour
+    rig.ticks(3)
+    rig.mailbox.request_power(True)
+    rig.run_for(0.2)
+    start = rig.mailbox.snapshot().q_setpoint
+    lost_ns = 0
+    for ms in range(400):
+        if ms % 25 == 0:
+            values = (start - 2e-7 * ms * ms * np.eye(6)[0]).tolist()
+            kinds = [POSITION_SETPOINT] * ROBOT.n
+            rig.mailbox.push_setpoint(1, ms // 25, rig.now_ns, round(FRAME_S * 1e9), kinds, values)
+        looked = [k for k in range(3) if ms < 200 or k != which or lost == "is met"]
+        told[looked, LOOKS] += 1.0
+        told[which, VERDICT] = TOO_NEAR if lost == "is met" and ms >= 200 else FREE
+        lost_ns = rig.now_ns if which in looked and ms <= 200 else lost_ns
+        rig.ticks(1)
+    rows = rig.rows()
+    stop = rows[rows["mode"] == Mode.STOPPING]
+    assert stop["fault"][0] == FaultCode.FENCE
+    assert soonest_s <= (stop["t_ns"][0] - lost_ns) * 1e-9 <= latest_s
+
+
+def heard_of_last(neighbour: Neighbour, age_s: float) -> tuple[float, list[tuple[Floats, Floats]]]:
+    """Verdict on two arms that turn towards each other, of which the other one was last heard of then, and where they
+    were looked at."""
+    seen: list[tuple[Floats, Floats]] = []
+
+    class Pair:
+        def distance(self, q: Floats, other_q: Floats) -> float:
+            seen.append((q.copy(), other_q.copy()))
+            return 1.0
+
+    now_s = [0.0]
+    own, other = (SimpleNamespace(q=PARK, v=TURNS, tick=7, flags=FLAG_CALIBRATED) for _ in range(2))
+    look = NeighbourLook(
+        replace(neighbour, pair=Pair()), lambda: own, lambda: other, np.zeros(N_NEIGHBOUR), lambda: now_s[0]
+    )  # type: ignore[arg-type, return-value]
+    look.look()
+    seen.clear()
+    now_s[0] = age_s
+    return look.look(), seen
+
+
+def test_a_neighbour_that_was_not_heard_of_lately_is_taken_to_have_gone_on(file: str) -> None:
+    (neighbour,) = neighbours_of_arm(choose_arm(file, "left"), file)
+    _, now = heard_of_last(neighbour, 0.0)
+    verdict, late = heard_of_last(neighbour, 0.09)
+    assert verdict == FREE
+    for arm in (0, 1):
+        further = late[-1][arm] - now[-1][arm]
+        np.testing.assert_allclose(further, 0.09 * TURNS, rtol=1e-9, atol=1e-15)
+
+
+@pytest.mark.parametrize(("age_s", "verdict"), [(0.0, FREE), (0.099, FREE), (0.101, NOT_HEARD_OF), (9.0, NOT_HEARD_OF)])
+def test_a_state_is_that_of_a_neighbour_for_a_tenth_of_a_second(file: str, age_s: float, verdict: float) -> None:
+    (neighbour,) = neighbours_of_arm(choose_arm(file, "left"), file)
+    assert heard_of_last(neighbour, age_s)[0] == verdict
 
 
 def test_arms_within_the_margin_may_part_and_come_no_nearer(file: str) -> None:
