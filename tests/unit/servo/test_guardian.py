@@ -332,7 +332,9 @@ def test_a_servo_whose_guardian_is_slow_but_alive_goes_on() -> None:
     assert bench.mode is Mode.TRACKING
 
 
-@pytest.mark.parametrize(("age_ns", "trips"), [(TIMEOUT_NS, 0), (TIMEOUT_NS + 1, 1)])
+@pytest.mark.parametrize(
+    ("age_ns", "trips"), [(TIMEOUT_NS, 0), (TIMEOUT_NS + 1, 1), (-TIMEOUT_NS, 0), (-TIMEOUT_NS - 1, 1)]
+)
 def test_the_bound_is_the_bound(age_ns: int, trips: int) -> None:
     bench = ServoBench()
     mail, board = servo_front(bench.mailbox.words), local_board_memory()
@@ -341,6 +343,33 @@ def test_the_bound_is_the_bound(age_ns: int, trips: int) -> None:
     look(own, mail, board, NO_CARD_WORDS, ops, 1_000_000_000 + age_ns, TIMEOUT_NS)
     assert (own[TRIPS], mail.guardian.trips, mail.guardian.takeover) == (trips, trips, trips)
     assert pending_operations(board, int(Lane.GUARDIAN)) == trips * (1 + N_DACS)
+
+
+@pytest.mark.parametrize("slept_ns", [0, 2_000_000, 4_000_000, 40_000_000])
+def test_on_a_real_board_it_looks_five_times_per_bound_and_allows_the_bound_however_long_it_overslept(
+    monkeypatch: pytest.MonkeyPatch, slept_ns: int
+) -> None:
+    now_ns, looks = [0], list[tuple[int, int]]()
+
+    def sleep_until_ns(deadline_ns: int) -> None:
+        now_ns[0] = max(now_ns[0], deadline_ns) + slept_ns * (len(looks) == 7)
+
+    for name, fake in {
+        "monotonic_ns": lambda: now_ns[0],
+        "arm_time_ns": lambda *_: now_ns[0],
+        "may_slip_ns": lambda *_: 0,
+        "sleep_until_ns": sleep_until_ns,
+        "load_acquire": lambda words, k: words[k],
+        "look": lambda *asked: looks.append(asked[-2:]),
+    }.items():
+        monkeypatch.setattr(guardian_module, name, fake)
+    run, stop = getattr(watch, "py_func", watch), np.zeros(1, np.int64)
+    run(None, None, None, None, None, stop, TIMEOUT_NS, 20 * TIMEOUT_NS, 0)
+    times_ns, allowed_ns = np.array(looks).T
+    gaps_ns = np.sort(np.diff(times_ns))
+    assert set(allowed_ns) == {TIMEOUT_NS}
+    assert gaps_ns[-2] <= TIMEOUT_NS / 5
+    assert gaps_ns[-1] <= TIMEOUT_NS / 5 + slept_ns
 
 
 def test_a_board_that_takes_nothing_does_not_make_the_guardian_forget() -> None:
