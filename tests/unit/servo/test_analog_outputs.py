@@ -21,7 +21,6 @@ from qrobot.hwif.registers import DAC_COUNTS_PER_VOLT, DAC_ZERO
 from qrobot.modecodes import Mode
 from qrobot.servo.analog_lines import AnalogWire, analog_params
 from qrobot.servo.memory.servo_memory import describe_analog_outputs, servo_front
-from qrobot.servo.output_lines import OUTPUT_PATIENCE_NS
 from qrobot.servo.process.guardian import N_OWN, N_SAFE_OPS, look
 from tests.support.deployment import LEFT
 from tests.support.servo_bench import ServoBench, moving
@@ -132,7 +131,7 @@ def test_all_go_off_when_arm_power_goes_or_the_board_is_lost(stop: Callable[[Ser
 def test_when_nobody_commands_what_holds_stays_and_the_rest_goes_off() -> None:
     cell = Cell().ask(*ASKED)
     cell.talks = False
-    patience = OUTPUT_PATIENCE_NS // cell.bench.settings.period_ns
+    patience = round(0.3 * cell.bench.settings.rate_hz)  # cycles: as the pages on safety and on the wire say
     cell.bench.tick(patience)
     assert cell.shown == ASKED
     cell.bench.tick()

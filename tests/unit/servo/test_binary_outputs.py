@@ -27,7 +27,7 @@ from qrobot.hwif.registers import (
 from qrobot.modecodes import Mode
 from qrobot.rci import Chg
 from qrobot.servo.memory.servo_memory import servo_front
-from qrobot.servo.output_lines import OUTPUT_PATIENCE_NS, OutputWire
+from qrobot.servo.output_lines import OutputWire
 from qrobot.servo.process.guardian import N_OWN, N_SAFE_OPS, look
 from tests.support.bus import BenchEndpoint, DirectBus
 from tests.support.deployment import LEFT
@@ -240,7 +240,7 @@ def test_a_board_lost_after_its_counters_have_jumped_does_not_come_back_calibrat
 def test_when_nobody_commands_what_holds_stays_and_the_rest_goes_off() -> None:
     cell = Cell().ask(ALL)
     cell.talks = False
-    patience = OUTPUT_PATIENCE_NS // cell.bench.settings.period_ns
+    patience = round(0.3 * cell.bench.settings.rate_hz)  # cycles: as the pages on safety and on the wire say
     cell.bench.tick(patience)
     assert cell.on == ALL
     cell.bench.tick()

@@ -19,7 +19,6 @@ from qrobot.modecodes import Mode
 from qrobot.model.arm import Arm
 from qrobot.model.chain import chain_params
 from qrobot.rig.lockstep import LockstepRig, link_factory
-from qrobot.servo.checks.reduced_speed import MEASURED_FACTOR
 from qrobot.servo.checks.tip_speed import check_tip_speed, tip_speed
 from qrobot.servo.settings import ServoSettings
 from qrobot.servo.speed_share import speed_share
@@ -156,18 +155,18 @@ def test_a_little_slower_or_gentler_it_is_followed_on_the_path_of_full_speed(
     assert np.array_equal(bench.rows()["q_ref"], full.rows()["q_ref"])
 
 
-def test_motion_that_nobody_asked_for_counts_too() -> None:
-    bench = ServoBench(reduced_speed_m_s=LIMIT).hold()
-    bench.follows = False
-    unit = np.eye(6)[0]
-    rate = 1.5 * MEASURED_FACTOR * LIMIT / tip_speed(bench.q, unit, chain_params(bench.robot), tuple(bench.params.tip))
-    start = bench.q.copy()
-    play(bench, lambda _t: start)
-    bench.run(0.2)
-    for _ in range(40):
-        bench.q = bench.q + rate * 1e-3 * unit
-        bench.tick()
-    assert FaultCode.T1_LIMIT in {FaultCode(int(code)) for code in bench.rows()["fault"]}
+@pytest.mark.parametrize("way", [-1.0, 1.0])
+@pytest.mark.parametrize("joint", range(6))
+def test_motion_that_nobody_asked_for_counts_too_up_to_a_fifth_more(joint: int, way: float) -> None:
+    for share, told in ((1.1, FaultCode.NONE), (1.3, FaultCode.T1_LIMIT)):
+        bench = ServoBench(reduced_speed_m_s=LIMIT, tool_m=(0.2, 0.1, 0.2), pose="ready").hold().tick(20)
+        bench.follows, unit = False, np.eye(6)[joint]
+        rate = way * share * LIMIT / tip_speed(bench.q, unit, chain_params(bench.robot), tuple(bench.params.tip))
+        bench.state.v[joint] = rate
+        for _ in range(15):
+            bench.q = bench.q + rate * 1e-3 * unit
+            bench.tick()
+        assert (bench.mode, bench.event) == (Mode.HOLDING, told)
 
 
 def test_without_a_limit_the_joints_limits_are_all_there_are() -> None:
