@@ -664,6 +664,22 @@ def test_an_observer_stops_the_arm_and_the_log_says_who_did(port: FakePort, leas
         observer.say(Payload(1.0))
 
 
+@pytest.mark.parametrize(
+    "packet",
+    [Signals(("a",)), Payload(1.0), Collision((1.0,) * 6), AnalogOutputs((1.0, *(nan,) * 7)), replace(MOVE, seq=1)],
+    ids=lambda packet: type(packet).__name__,
+)
+def test_of_an_observer_the_bridge_takes_a_stop_and_nothing_else(
+    port: FakePort, lease: Lease, packet: Signals | Payload | Collision | AnalogOutputs | Command
+) -> None:
+    Client(port, lease).join()
+    observer = Client(port, lease).join(OBSERVER)
+    (refusal,) = observer.say_bytes(encode(packet))
+    assert (refusal.code, refusal.fatal) == (ErrorCode.MALFORMED, True)
+    assert (port.frames, port.requests, port.names) == ([], [], ())
+    assert (port.state.payload_mass, port.collision_told, hasattr(port, "analog")) == (0.0, False, False)
+
+
 def test_names_of_signals_last_as_long_as_the_commander(port: FakePort, lease: Lease) -> None:
     client = Client(port, lease).join()
     client.say(Signals(("depth", "load")))
@@ -692,7 +708,7 @@ def test_a_payload_is_taken_or_refused_with_the_reason(port: FakePort, lease: Le
     assert "the servo is away" in client.say(Payload(1.0))[0].text
 
 
-def test_analogue_outputs_are_taken_or_refused_and_an_observer_says_none(port: FakePort, lease: Lease) -> None:
+def test_analogue_outputs_are_taken_or_refused_with_the_reason(port: FakePort, lease: Lease) -> None:
     client = Client(port, lease).join()
     asked = AnalogOutputs((nan, 2.5) + (nan,) * 6)
     assert client.say(asked) == []

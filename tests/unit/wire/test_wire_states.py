@@ -73,7 +73,8 @@ def test_a_stop_is_anybodys_who_is_in() -> None:
 
 def test_only_a_commander_commands_and_only_the_server_tells_the_state() -> None:
     speakers = {(where, side, word) for where, row in TRANSITIONS.items() for side, word in row}
-    for word in (PacketClass.COMMAND, PacketClass.SIGNALS, PacketClass.PAYLOAD, PacketClass.COLLISION):
+    settings = (PacketClass.SIGNALS, PacketClass.PAYLOAD, PacketClass.COLLISION, PacketClass.ANALOG)
+    for word in (PacketClass.COMMAND, *settings):
         assert {entry for entry in speakers if entry[2] is word} == {(Conversation.COMMANDING, Side.CLIENT, word)}
     assert {side for _, side, word in speakers if word is PacketClass.STATE} == {Side.SERVER}
 
