@@ -22,3 +22,13 @@ class CanTransport(Table):
     node_id: int = Field(default=1, ge=1, le=95)
     period_ms: ExchangePeriod = 2.0
     timeout_ms: float = Field(default=50.0, gt=0, le=1000, allow_inf_nan=False)
+
+    @property
+    def places(self) -> frozenset[str]:
+        """The node of the board."""
+        return frozenset([can_node(self.interface, self.channel, self.node_id)])
+
+
+def can_node(interface: str, channel: str, node: int) -> str:
+    """Words for a node on a bus."""
+    return f"node {node} on {channel} ({interface})"

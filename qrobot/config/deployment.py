@@ -6,6 +6,7 @@ side by side from one file.
 
 from __future__ import annotations
 
+from itertools import combinations
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -89,6 +90,12 @@ class BoardChoice(Table):
             if not given and self.kind == transport:
                 raise ValueError(f"kind = {transport!r} needs a table [arm.board.{transport}]")
         return self
+
+    @property
+    def places(self) -> frozenset[str]:
+        """Places of the board that no other arm can have; none of an emulated one."""
+        transport = None if self.kind == "emulator" else getattr(self, self.kind)
+        return frozenset() if transport is None else transport.places
 
     @model_validator(mode="after")
     def _has_a_table_to_calibrate_with(self) -> BoardChoice:
@@ -325,6 +332,9 @@ class Deployment(Table):
         ports = [arm.bridge.port for arm in self.arm]
         if len(set(ports)) != len(ports):
             raise ValueError("two arms have the same bridge.port")
+        for one, other in combinations(self.arm, 2):
+            if shared := one.board.places & other.board.places:
+                raise ValueError(f"{one.name} and {other.name} have one board: {min(shared)}")
         return self
 
     @model_validator(mode="after")

@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field, model_validator
 
+from qrobot.config.can import can_node
 from qrobot.config.document import Table
 from qrobot.config.robot import Robot
 
@@ -43,6 +44,11 @@ class DrivesTransport(Table):
     absolute: bool = False
     period_ms: float = Field(default=2.0, ge=0.2, le=100, allow_inf_nan=False)
     timeout_ms: float = Field(default=50.0, gt=0, le=1000, allow_inf_nan=False)
+
+    @property
+    def places(self) -> frozenset[str]:
+        """The nodes of all drives."""
+        return frozenset(can_node(self.interface, self.channel, node) for node in self.nodes)
 
     @model_validator(mode="after")
     def _has_a_number_for_each(self) -> DrivesTransport:

@@ -20,3 +20,8 @@ class ModbusTransport(Table):
     device_id: int = Field(default=1, ge=0, le=255)
     period_ms: ExchangePeriod = 2.0
     timeout_ms: float = Field(default=50.0, gt=0, le=1000, allow_inf_nan=False)
+
+    @property
+    def places(self) -> frozenset[str]:
+        """The device behind its server."""
+        return frozenset([f"device {self.device_id} at {self.host}:{self.port}"])

@@ -6,7 +6,8 @@ from pydantic import Field
 
 from qrobot.config.document import Table
 
-LAST_BASE = 0xFFC0  # 64 bytes of ports above it
+PORTS = 64  # of a card, from its base on
+LAST_BASE = 0x10000 - PORTS
 
 
 class PortTransport(Table):
@@ -18,3 +19,8 @@ class PortTransport(Table):
 
     base: int = Field(default=0x300, ge=0x100, le=LAST_BASE, multiple_of=2)
     read_only: bool = False
+
+    @property
+    def places(self) -> frozenset[str]:
+        """Port addresses of the card."""
+        return frozenset(f"port 0x{self.base + k:x}" for k in range(PORTS))

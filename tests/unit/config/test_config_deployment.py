@@ -48,6 +48,45 @@ def test_arms_may_not_collide(tmp_path: Path, second: str, says: str) -> None:
         load(tmp_path, ONE + second)
 
 
+def both(one: str, other: str) -> str:
+    """Two arms on such boards."""
+    second, servo = ONE.replace("left", "right").replace("5600", "5601"), "servo = { board_timeout_ms = 10 }\n"
+    return f"{ONE}{servo}board = {{ {one} }}\n{second}{servo}board = {{ {other} }}\n"
+
+
+def drives(*nodes: int) -> str:
+    told = {"nodes": list(nodes), "torque_permille": [-1.0] * len(nodes), "increments_per_count": [1.0] * len(nodes)}
+    keys = ", ".join(f"{key} = {value}" for key, value in (told | {"counts_at_zero": [0] * len(nodes)}).items())
+    return f"kind = 'drives', drives = {{ {keys} }}"
+
+
+@pytest.mark.parametrize(
+    ("board", "apart", "says"),
+    [
+        ("kind = 'port', port = {}", "kind = 'port', port = { base = 0x340 }", "port 0x300"),
+        ("kind = 'port', port = { base = 0x33e }", "kind = 'port', port = { base = 0x380 }", "port 0x33e"),
+        ("kind = 'can', can = {}", "kind = 'can', can = { node_id = 2 }", r"node 1 on can0 \(socketcan\)"),
+        ("kind = 'can', can = {}", "kind = 'can', can = { channel = 'can1' }", "node 1 on can0"),
+        ("kind = 'modbus', modbus = {}", "kind = 'modbus', modbus = { port = 503 }", "device 1 at 127.0.0.1:502"),
+        ("kind = 'modbus', modbus = {}", "kind = 'modbus', modbus = { device_id = 2 }", "device 1 at"),
+        (drives(1, 2), drives(3, 4), "node 1 on can0"),
+    ],
+)
+def test_nor_may_two_arms_have_one_board(tmp_path: Path, board: str, apart: str, says: str) -> None:
+    assert len(load(tmp_path, both(board, apart)).arm) == 2
+    with pytest.raises(ConfigError, match=f"left and right have one board: {says}"):
+        load(tmp_path, both(board, board))
+
+
+def test_a_board_and_a_drive_may_not_be_one_node_and_cards_may_not_overlap(tmp_path: Path) -> None:
+    for one, other in (
+        ("kind = 'can', can = { node_id = 5 }", drives(4, 5)),
+        ("kind = 'port', port = {}", "kind = 'port', port = { base = 0x33e }"),
+    ):
+        with pytest.raises(ConfigError, match="have one board"):
+            load(tmp_path, both(one, other))
+
+
 @pytest.mark.parametrize(
     ("extra", "says"),
     [
