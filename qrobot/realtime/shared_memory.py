@@ -3,6 +3,8 @@
 The owner holds an exclusive `flock`, which the kernel drops however the process dies, so a second owner is refused and
 a crashed one is not mistaken for a living one. A new owner reuses the file of a crashed one: peers keep their mapping
 and see the generation count rise. A forked child shares its parent's lock: an owner starts others by `spawn` or exec.
+Whether an owner lives is asked of the file that a peer has mapped: it may have lost its name while the owner goes on,
+when an account logs out and its folder is removed.
 (`multiprocessing.shared_memory` before Python 3.13 unlinks a segment when any attached process exits, hence our own.)
 """
 
@@ -153,36 +155,28 @@ class SharedMemory:
 
     @property
     def is_current(self) -> bool:
-        """False when the file was unlinked or replaced since we mapped it."""
+        """False when the file was removed or replaced since we mapped it, and the owner it had has ended."""
         if self._fd is None:
             return False
-        try:
-            return os.stat(self.path).st_ino == os.fstat(self._fd).st_ino
-        except FileNotFoundError:
-            return False
+        return _same_file(self._fd, self.path) or self.owner_alive
 
     @property
     def owner_alive(self) -> bool:
-        """True while some process (this one included) holds the owner's lock."""
-        if self.owner:
+        """True while some process (this one included) holds the owner's lock on the file that we have mapped."""
+        if self._fd is None or self.owner:
             return self._fd is not None
         try:
-            fd = os.open(self.path, os.O_RDWR | os.O_NOFOLLOW | os.O_CLOEXEC)
-        except FileNotFoundError:
-            return False
-        try:
-            fcntl.flock(fd, fcntl.LOCK_SH | fcntl.LOCK_NB)  # nobody else who looks is in the way
+            fcntl.flock(self._fd, fcntl.LOCK_SH | fcntl.LOCK_NB)  # nobody else who looks is in the way
         except BlockingIOError:
             return True
-        finally:
-            os.close(fd)
+        fcntl.flock(self._fd, fcntl.LOCK_UN)
         return False
 
     def close(self, unlink: bool = False) -> None:
         """Let go; with `unlink` the owner also removes the file (an orderly end)."""
         if self._fd is None:
             return
-        if unlink and self.owner and self.is_current:
+        if unlink and self.owner and _same_file(self._fd, self.path):
             self.path.unlink(missing_ok=True)
             tidy_folder(self.path.parent)
         if self.owner:
@@ -285,6 +279,6 @@ def available_bytes() -> int:
 
 def _same_file(fd: int, path: Path) -> bool:
     try:
-        return os.stat(path).st_ino == os.fstat(fd).st_ino
+        return os.path.samestat(os.stat(path), os.fstat(fd))
     except FileNotFoundError:
         return False
