@@ -7,6 +7,8 @@ at the same sample. Time passes for it as long as some arm of the program is und
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Final
 
 import numpy as np
@@ -65,9 +67,11 @@ class FrameParameters(MotionParameters):
         """Raise MotionError: arms feel forces, not frames."""
         raise MotionError("limit: an object frame feels no forces; limit the motion of an arm")
 
-    def order(self, position: Position) -> MoveOrder:
-        """The motion that a call of `move` asks for."""
-        return self._order(position)
+    @contextmanager
+    def order(self, position: Position) -> Iterator[MoveOrder]:
+        """The motion that a call of `move` asks for, to be queued inside `with`."""
+        yield self._order(position)
+        self._taken()
 
 
 class ObjectFrame(Manip):
@@ -140,8 +144,8 @@ class ObjectFrame(Manip):
     def move(self, position: Position) -> None:
         """See `Manip.move`. Raises MotionError for a position that is given by joints, too."""
         self._check("move", position)
-        with self._group.sampled:
-            self._push(self._parameters.order(position))
+        with self._group.sampled, self._parameters.order(position) as order:
+            self._push(order)
             self._last, self._tracks, self._track_next = position, self._track_next, False
 
     def stop_at(self, position: Position | None, ms: float) -> None:
@@ -153,7 +157,8 @@ class ObjectFrame(Manip):
             if ms > 0.0 and goal is not None:
                 dwell = Position(goal.name, goal.target)
                 self._parameters.setime(0.0, ms)
-                self._push(self._parameters.order(dwell))
+                with self._parameters.order(dwell) as order:
+                    self._push(order)
             self._stand()
 
     def cancel(self, ms: float) -> None:

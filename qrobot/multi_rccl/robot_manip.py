@@ -142,9 +142,12 @@ class RobotManip(Manip):
     def move(self, position: Position) -> None:
         """See `Manip.move`."""
         goal_for("move", position, self.trans, self.name)
+        self._go(position, self._track_next)
+
+    def _go(self, position: Position, tracks: bool) -> None:
         with self._group.sampled:
             self.channel.move(position)
-            self._last, self._tracks, self._track_next = position, self._track_next, False
+            self._last, self._tracks, self._track_next = position, tracks, False
 
     def stop_at(self, position: Position | None, ms: float) -> None:
         """See `Manip.stop_at`."""
@@ -166,8 +169,7 @@ class RobotManip(Manip):
         goal_for("maintain", position, self.trans, self.name)
         with self._group.sampled:
             self._require_near(position)
-            self._track_next = True
-            self.move(position)
+            self._go(position, tracks=True)
 
     def track(self) -> None:
         """See `Manip.track`."""

@@ -249,7 +249,8 @@ class Channel(MotionParameters, HandAndOutputs):
     def move(self, position: Position) -> None:
         """Queue a motion to `position` and return at once.
 
-        Its equation becomes true, and remains true until another motion begins: frames that move are followed.
+        Its equation becomes true, and remains true until another motion begins: frames that move are followed. What
+        was said for it alone counts again when it is refused and the next motion goes to the same position.
 
         Raises:
             JointLimit, Unreachable, Singular: the position, or a straight way there, is not for this arm.
@@ -259,6 +260,7 @@ class Channel(MotionParameters, HandAndOutputs):
         self._check_functions(order)
         with self._session.task():
             self._task.push(order)
+        self._taken()
 
     def _check_functions(self, order: MoveOrder) -> None:
         """Raise MotionError for a motion with functions, where nobody would call them."""

@@ -86,12 +86,20 @@ class NextMoveOptions:
     updates: tuple[Update, ...] = ()
     limit: ForceLimits | None = None
 
+    def over(self, refused: NextMoveOptions) -> NextMoveOptions:
+        """Options of the motion that was `refused`, with these in place of those that were said anew."""
+        said = {name: value for name, value in vars(self).items() if value is not None}
+        anew = [update.trsf for update in self.updates]
+        kept = (update for update in refused.updates if not any(update.trsf is trsf for trsf in anew))
+        return replace(refused, **{**said, "updates": (*kept, *self.updates)})
+
 
 class MotionParameters:
     """The calls that say how motions are to go; `Channel` inherits them, and C programs call them too."""
 
     def __init__(self) -> None:
         self._next = NextMoveOptions()
+        self._refused: tuple[Position, NextMoveOptions] | None = None  # and what was said for the motion to it
         self._speed: MotionSpeed = DEFAULT_SPEED
         self._mode = MotionMode.JOINT
         self._turn = OrientationInterpolation.ONE_AXIS
@@ -246,14 +254,21 @@ class MotionParameters:
         self._next = replace(self._next, **options)
 
     def _order(self, position: Position) -> MoveOrder:
-        """The motion that a call of `move` asks for; what was said for one motion is used up."""
-        options, self._next = self._next, NextMoveOptions()
+        """The motion that a call of `move` asks for; what was said for it counts again if it is not `_taken`."""
+        options = self._next
+        if self._refused is not None and self._refused[0] is position:
+            options = options.over(self._refused[1])
+        self._refused, self._next = (position, options), NextMoveOptions()
         speed, ta = (self._speed, None) if options.setime is None else (Duration(options.setime[1]), options.setime[0])
         goal = _goal(position, options.distance, self._compliance)
         request = MoveRequest(
             position.name, goal, speed, ta, self._mode, self._branch, options.evalfn, options.limit, self._turn
         )
         return MoveOrder(request, position, options.updates)
+
+    def _taken(self) -> None:
+        """Use up what was said for the motion: it was not refused."""
+        self._refused = None
 
 
 def _goal(position: Position, distance: Floats | None, compliance: Compliance | None) -> Floats | Goal | Here:
