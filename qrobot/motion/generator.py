@@ -283,7 +283,7 @@ class Generator:
                 Shape (n,).
 
         Raises:
-            MotionError: it is not later than the sample before.
+            MotionError: it is not later than the sample before, or what a monitor returned is no code.
             Exception: whatever a functional transform or a monitor raised.
         """
         self._trajectory.advance(tick, standing, self._override)
@@ -299,8 +299,8 @@ class Generator:
 
     def _ask_monitor(self) -> None:
         request = self.serving
-        if request is not None and request.monitor is not None and (code := request.monitor()):
-            self.skip(int(code))  # type: ignore[call-overload]
+        if request is not None and (code := request.ask_monitor()):
+            self.skip(code)
 
     def _give_setpoint(self) -> Floats:
         """The setpoint of this sample, which is given out. Shape (n,)."""

@@ -164,7 +164,8 @@ class MoveRequest:
             lengthens it as the arm needs.
         mode: how to get to a goal; joint positions are gone to in joint mode always.
         branch: configuration at the goal; None keeps the present one. Only joint mode can change it.
-        monitor: called at each sample while the request is served; a true result ends it with that code (A-37).
+        monitor: called at each sample while the request is served; a true result, a positive whole number, ends it
+            with that code (A-37).
         limits: forces and displacements that end it.
         turn: how orientations are interpolated in Cartesian mode.
     """
@@ -186,3 +187,27 @@ class MoveRequest:
             object.__setattr__(self, "target", target)
         if self.transition_s is not None and not 0.0 <= self.transition_s < float("inf"):
             raise MotionError(f"{self.name}: the transition time must not be negative, nor {self.transition_s}")
+
+    def ask_monitor(self) -> int:
+        """The code with which the monitor ends the motion at this sample, 0 for going on.
+
+        Raises:
+            MotionError: it returned something true that is no code.
+            Exception: whatever it raised.
+        """
+        result = None if self.monitor is None else self.monitor()
+        return code_of(self.name, result) if result else 0
+
+
+def code_of(name: str, result: object) -> int:
+    """The code that a monitor returned. Raises MotionError: it is not positive, so it could be one of our own."""
+    try:
+        code = int(result)  # type: ignore[call-overload]
+    except (TypeError, ValueError, OverflowError):
+        code = 0
+    if code <= 0 or code != result:
+        raise MotionError(
+            f"motion to {name}: its monitor (`evalfn`) returned {result!r}, which is no code; return a positive whole "
+            "number, or True, to end the motion, and 0 or nothing to go on"
+        )
+    return code

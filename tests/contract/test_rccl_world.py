@@ -251,6 +251,29 @@ def test_a_fault_in_a_background_function_is_an_error_in_the_program_and_the_arm
         rccl.release()
 
 
+@pytest.mark.parametrize("result", [-1, -3, 0.4, 7.5, float("nan"), float("inf"), "x", [1]])
+def test_what_a_monitor_returns_that_is_no_code_is_an_error_of_the_program_and_the_arm_stops(result) -> None:
+    fake = FakeRobot(tuple(PARK))
+    with rccl.use(lambda hello: VirtualLink(hello, fake.transfer)):
+        rccl.control()
+        p = on_table("P")
+        rccl.evalfn(lambda: result)
+        rccl.move(p)
+        with pytest.raises(MotionError, match=f"motion to P: its monitor .* returned {re.escape(repr(result))}"):
+            rccl.waitfor(p.end)
+        assert (p.code, fake.goodbyes) == (0, 1)
+        rccl.release()
+
+
+@pytest.mark.parametrize(("result", "code"), [(True, 1), (np.bool_(True), 1), (np.int64(7), 7), (7.0, 7)])
+def test_what_a_monitor_returns_may_be_a_comparison_or_any_kind_of_whole_number(robot, result, code) -> None:
+    p = on_table("P")
+    rccl.evalfn(lambda: result)
+    rccl.move(p)
+    rccl.waitfor(rccl.completed)
+    assert p.code == code
+
+
 @pytest.mark.parametrize(
     ("deed", "error", "words"),
     [
