@@ -301,7 +301,7 @@ def rci_send(sendcode: int, data: bytes) -> int:
     """Queue a message for each task of a mask; 1 is the planning program's bit. Never waits.
 
     Returns:
-        The bytes queued; 0 when one of the tasks has no room.
+        The bytes queued; 0, and nobody gets it, when one of the tasks has no room.
 
     Raises:
         ConfigError: no such tasks, or a message longer than a queue.

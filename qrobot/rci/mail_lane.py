@@ -41,6 +41,11 @@ def put_message(lane: Words, stamp: int, n_bytes: int, payload: Words) -> int:
     return n_bytes
 
 
+def has_room(lane: Words, payload: Words) -> bool:
+    """True when `put_message` would queue that, now and later on: asked by the sender, for whom room but grows."""
+    return bool(lane.size - _DATA - (lane[_HEAD] - lane[_TAIL]) >= payload.size + _HEADING)
+
+
 @lean_kernel
 def oldest_stamp(lane: Words) -> int:
     """Stamp of the oldest message, NO_MESSAGE when there is none."""

@@ -19,6 +19,7 @@ from qrobot.rci.mail_lane import (
     LANE_WORDS,
     LARGEST_MESSAGE,
     NO_MESSAGE,
+    has_room,
     oldest_stamp,
     prepare_messages,
     put_message,
@@ -99,14 +100,17 @@ class TaskTable:
     # -------------------------------------------------------------------------------------------------------- messages
 
     def send(self, sender: TaskDescriptor, mask: int, data: bytes) -> int:
-        """Queue a message for each task of the mask; the bytes queued, fewer than given when one has no room."""
+        """Queue a message for each task of the mask; the bytes queued: 0, for none of them, when one has no room."""
         receivers = [td for td in self.of(mask, "send") if td is not sender]
         if not receivers:
             raise ConfigError(f"send: mask {mask:#x} names no task but {sender.name}, which sends; name another")
         if not 1 <= len(data) <= LARGEST_MESSAGE:
             raise ConfigError(f"send: a message has 1 to {LARGEST_MESSAGE} bytes, not {len(data)}")
-        words, stamp = words_of(data), self._stamp()
-        return min(put_message(td.lane_from(sender.bit), stamp, len(data), words) for td in receivers)
+        words, lanes = words_of(data), [td.lane_from(sender.bit) for td in receivers]
+        if not all(has_room(lane, words) for lane in lanes):
+            return 0
+        stamp = self._stamp()
+        return min(put_message(lane, stamp, len(data), words) for lane in lanes)
 
     def receive(self, receiver: TaskDescriptor, mask: int) -> tuple[bytes, TaskDescriptor | None]:
         """The oldest message for a task from those of the mask, with its sender; none: no bytes and no sender."""

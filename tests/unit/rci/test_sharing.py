@@ -128,6 +128,23 @@ def test_a_queue_takes_what_fits_and_gives_it_back_in_order(steps: list[bytes | 
                 assert (sender is None) == (not data)
 
 
+@pytest.mark.parametrize("full", [0, 1])
+def test_a_message_to_several_tasks_of_which_one_has_no_room_reaches_none(pair, full: int) -> None:
+    """Section 4.3.5: whoever finds that the queue area is out of space tries again, and is heard once."""
+    rci.rci_start(pair[0].bit | pair[1].bit)
+    table, (crowded, other) = calls._table(), (pair[full], pair[1 - full])
+    sent = 0
+    while rci.rci_send(crowded.bit, bytes(500)):
+        sent += 1
+    mask = crowded.bit | other.bit
+    assert rci.rci_send(mask, bytes(500)) == 0
+    assert table.receive(other, ALL) == (b"", None)
+    table.receive(crowded, ALL)
+    assert rci.rci_send(mask, b"again" * 100) == 500
+    assert table.receive(other, ALL)[0] == b"again" * 100
+    assert [len(table.receive(crowded, ALL)[0]) for _ in range(sent + 1)] == [500] * sent + [0]
+
+
 @pytest.mark.parametrize("data", [b"", bytes(LARGEST_MESSAGE + 1)])
 def test_a_message_of_no_bytes_or_too_many_is_refused(pair, data: bytes) -> None:
     with pytest.raises(ConfigError, match=f"1 to {LARGEST_MESSAGE} bytes"):
