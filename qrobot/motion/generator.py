@@ -122,6 +122,11 @@ class Generator:
         return self._sequencer.serving
 
     @property
+    def passing(self) -> MoveRequest | None:
+        """The request whose via point is passed in the middle of the present transition; None from there on."""
+        return self._sequencer.passing
+
+    @property
     def remaining(self) -> float:
         """Samples of path time until the goal of the present segment would be reached without transition; 0 at rest."""
         segment = self._path.segment
@@ -200,6 +205,10 @@ class Generator:
         begins before the next sample takes its place.
         """
         self._sequencer.skip(code)
+
+    def end_passing(self, code: int) -> None:
+        """End the request that is `passing` with `code` at once; the arm is on its way to the next one already."""
+        self._sequencer.end_passing(code)
 
     def stop(self, seconds: float = 0.0) -> None:
         """Drop all waiting requests and come to an absolute rest.
@@ -288,7 +297,7 @@ class Generator:
         """
         self._trajectory.advance(tick, standing, self._override)
         self._sample_goals()
-        self._ask_monitor()
+        self._ask_monitors()
         return self._sequencer.output(self._give_setpoint())
 
     def _sample_goals(self) -> None:
@@ -297,9 +306,11 @@ class Generator:
         if (queued := self._queue.peek()) is not None:
             queued.sample(self._trajectory.tick)
 
-    def _ask_monitor(self) -> None:
-        request = self.serving
-        if request is not None and (code := request.ask_monitor()):
+    def _ask_monitors(self) -> None:
+        """Ask the monitor of the present request, and that of the one before until it has ended."""
+        if (passing := self.passing) is not None and (code := passing.ask_monitor()):
+            self.end_passing(code)
+        if (serving := self.serving) is not None and (code := serving.ask_monitor()):
             self.skip(code)
 
     def _give_setpoint(self) -> Floats:

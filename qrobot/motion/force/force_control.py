@@ -27,6 +27,7 @@ from qrobot.motion.force.controlled_frame import ControlledFrame, controlled_fra
 from qrobot.motion.force.external_torque import ArmSample, Exerted, ExternalTorque
 from qrobot.motion.force.joint_matching import KEPT_FITNESS, JointIndices, drift_step, fitness, match
 from qrobot.motion.generator import Generator
+from qrobot.motion.request import MoveRequest
 from qrobot.motion.world.compliance import N_AXES, Compliance
 from qrobot.motion.world.equation import Goal
 from qrobot.motion.world.kinematics import ArmKinematics
@@ -134,8 +135,8 @@ class ForceControl:
             self._carry_along(self._compliance)
         if self._failed:
             generator.abort(self._failed)
-        elif code := self._limit_passed(sample, generator, tick):
-            generator.skip(code)
+        else:
+            self._end_at_limits(sample, generator, tick)
         self._failed = Termination.NONE
         self._stood = sample.q + LEAD * self._period_s * sample.v
         self.standing = None
@@ -234,8 +235,14 @@ class ForceControl:
         settled = friction.setpoint(wanted + friction.added(wanted - left * self._exerted), standing)
         return np.where((left > 0.0) & (wanted != 0.0), settled, wanted)
 
-    def _limit_passed(self, sample: ArmSample, generator: Generator, tick: int) -> Termination:
-        request = generator.serving
+    def _end_at_limits(self, sample: ArmSample, generator: Generator, tick: int) -> None:
+        """End what passes its limit: the present motion, or the one before until it has ended."""
+        if code := self._limit_passed(sample, generator.passing, tick):
+            generator.end_passing(code)
+        if code := self._limit_passed(sample, generator.serving, tick):
+            generator.skip(code)
+
+    def _limit_passed(self, sample: ArmSample, request: MoveRequest | None, tick: int) -> Termination:
         if request is None or request.limits is None or (exerted := self.exerted) is None:
             return Termination.NONE
         there = self._frame_at(sample, request.target if isinstance(request.target, Goal) else None, tick)

@@ -75,6 +75,15 @@ class Sequencer:
         return None if self._path.segment is None else self._path.segment.request
 
     @property
+    def passing(self) -> MoveRequest | None:
+        """The request whose via point is passed in the middle of the present transition; None from there on."""
+        return None if self._passing is None else self._passing.segment.request
+
+    def end_passing(self, code: int) -> None:
+        """See `Generator.end_passing`."""
+        self._pass_via_point(code)
+
+    @property
     def requests(self) -> list[MoveRequest]:
         """Requests under way, and those whose end is still to be told."""
         segments = [self._path.segment, None if self._passing is None else self._passing.segment]
@@ -284,10 +293,10 @@ class Sequencer:
         if self.serving is not None and code is not None:
             self.events.ended(self.serving, code)
 
-    def _pass_via_point(self) -> None:
+    def _pass_via_point(self, code: int = Termination.COMPLETED) -> None:
         """The request whose via point the path turns round has ended: half way, or cut short like the next one."""
         if self._passing is not None:
-            self.events.ended(self._passing.segment.request, Termination.COMPLETED)
+            self.events.ended(self._passing.segment.request, code)
             self._passing = None
 
     # --------------------------------------------------------------------------------- interruptions, stops, failures

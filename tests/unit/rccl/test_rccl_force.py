@@ -248,6 +248,25 @@ def test_a_limit_of_displacement_ends_a_motion_the_robot_does_not_follow(robot) 
     assert P.code == rccl.Termination.MOTION_LIMIT
 
 
+def test_a_limit_holds_until_its_motion_has_ended_in_the_middle_of_the_transition(robot) -> None:
+    q = makeposition("Q", t6, E, EQ, gentr_rot("UP", 550, 0, -300, yunit, 180), TL, E)
+    rccl.setmode("cartesian")
+    rccl.setvel(100, 90)
+    P.end = 0
+    rccl.limit("dz", 5.0)
+    rccl.distance("dz", -50.0)
+    rccl.move(P)
+    rccl.move(q)
+    rccl.waitas(lambda: rccl.nbrequest == 1)
+    rccl.waitas(lambda: rccl.nbrequest == 0)
+    assert P.end.count == 0
+    robot.away = np.array([0.0, 0.02, 0.0, 0.0, 0.0, 0.0])
+    rccl.waitfor(P.end)
+    assert P.code == rccl.Termination.MOTION_LIMIT
+    rccl.waitfor(rccl.completed)
+    assert q.code == rccl.Termination.COMPLETED
+
+
 def test_a_limit_holds_for_one_motion_alone(robot) -> None:
     rccl.limit("fz", 1000.0)
     rccl.move(P)
