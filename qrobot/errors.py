@@ -27,7 +27,7 @@ QRobotError
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from typing import Any
 
@@ -193,3 +193,15 @@ def letting_go(let_go: Callable[[], object]) -> Iterator[None]:
             let_go()
         raise
     let_go()
+
+
+def raise_first(errors: Sequence[BaseException], ours_too: bool) -> None:
+    """Raise the first of several errors, if there are any: what is no error of ours before them, as Ctrl-C.
+
+    Args:
+        errors: in their order.
+        ours_too: raise errors of ours as well.
+    """
+    others = [error for error in errors if not isinstance(error, QRobotError)]
+    for error in (*others, *(errors if ours_too else ())):
+        raise error

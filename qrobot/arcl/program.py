@@ -26,9 +26,10 @@ from qrobot.arcl.trans import Trans
 from qrobot.arcl.vectors import require_name
 from qrobot.arrays import Floats
 from qrobot.config import Robot, load_robot
-from qrobot.errors import JointLimit, MotionError, QRobotError
+from qrobot.errors import JointLimit, MotionError, QRobotError, letting_go, raise_first
 from qrobot.motion import Blend, Trsf, warm_up, warm_up_cartesian
 from qrobot.rci.arguments import as_float, shown
+from qrobot.rci.bad_end import at_bad_end, stop_all
 from qrobot.rci.machine_choice import choice_for, machine_choice
 from qrobot.rci.tcp import address_text
 
@@ -144,23 +145,40 @@ def _forget(rp: ArclRobot) -> None:
 
 
 def end_all(well: bool) -> None:
-    """The program has ended: do what motions wait if it ended well, and let go of all robots.
+    """The program has ended: do what motions wait if it ended well, else stop all; and let go of all robots.
 
-    Raises the first error of a program that ended well, once all robots are let go.
+    Raises the first error of a program that ended well, and Ctrl-C, once all robots are let go.
     """
-    first: QRobotError | None = None
+    failed: list[BaseException] = []
     for rp in open_robots():
         try:
-            if well:
-                rp.close()
-            else:
-                rp.abandon()
-        except QRobotError as error:
-            first = first or error
+            _end(rp, well and all(isinstance(error, QRobotError) for error in failed))
+        except BaseException as error:
+            failed.append(error)
         finally:
             _forget(rp)
-    if well and first is not None:
-        raise first
+    raise_first(failed, ours_too=well)
+
+
+def _end(rp: ArclRobot, well: bool) -> None:
+    """`end_all` for one robot: where it cannot do its motions the others do theirs, after Ctrl-C all stop."""
+    if not well:
+        stop_all()
+    with letting_go(rp.abandon):
+        try:
+            if well:
+                rp.finish()
+        except QRobotError:
+            raise
+        except BaseException:
+            stop_all()
+            raise
+
+
+@at_bad_end
+def _stop_all() -> None:
+    for rp in open_robots():
+        rp.begin_stop()
 
 
 def _at_exit() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from copy import copy
 from typing import Any, Final
 
@@ -263,9 +264,20 @@ class ArclRobot(PathCalls, LineCalls):
         if self._closed:
             return
         with letting_go(lambda: self.abandon(power_off)):
-            if not self._given_up:
-                self.wait()
-                self.stop()
+            self.finish()
+
+    def finish(self) -> None:
+        """Wait until all motions are done, and stop. Raises what `close` raises."""
+        if not self._given_up:
+            self.wait()
+            self.stop()
+
+    def begin_stop(self) -> None:
+        """Begin to come to rest, and drop what waits; waits for nothing."""
+        with suppress(Exception):  # of an arm that is lost, or of a function that hears of its motions
+            if not self._closed and self.ami.error is None:
+                with self.ami.lock():
+                    self._motions.stop(0.0)
 
     def abandon(self, power_off: bool = False) -> None:
         """Stop, and let go of the arm; what waits is not done. Does nothing after `close`."""

@@ -287,13 +287,17 @@ def _manip_dispatcher(memory: ProgramMemory, places: Sequence[int], link: Progra
 @contextmanager
 def _arcl_ending() -> Iterator[None]:
     """An ARCL program runs in this block: when it ends well its motions are done first; all robots are let go."""
-    well = False
+    from qrobot.rccl.arm_session import ended_well
+
+    error: BaseException | None = None
     try:
         yield
-        well = True
+    except BaseException as raised:
+        error = raised
+        raise
     finally:
         if "qrobot.arcl.program" in sys.modules:
-            sys.modules["qrobot.arcl.program"].end_all(well)
+            sys.modules["qrobot.arcl.program"].end_all(ended_well(error))
 
 
 def bridge_links(arm: DeployedArm) -> LinkFactory:

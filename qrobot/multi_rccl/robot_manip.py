@@ -54,6 +54,7 @@ class RobotManip(Manip):
             open_channel, factory, robot, traces=traces_wanted(), prepare=self._prepare, bridge=known.place
         )
         self._group = group
+        group.transforms.append(self.trans)
         self._channel: Channel | None = None
         self._task: TrajectoryTask | None = None
         self._arm: Arm | None = None

@@ -4,17 +4,19 @@ from __future__ import annotations
 
 import atexit
 import sys
+import threading
 from collections.abc import Callable
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, suppress
 from typing import ClassVar
 from weakref import WeakKeyDictionary
 
-from qrobot.errors import LinkError, MotionError, QRobotError, letting_go
+from qrobot.errors import LinkError, MotionError, QRobotError, letting_go, raise_first
 from qrobot.rccl.standstill import RcclStandstill
 from qrobot.rccl.task import TrajectoryTask
 from qrobot.rccl.trace import Trace
 from qrobot.rci import Link
 from qrobot.rci.arm_settings import ArmSettings
+from qrobot.rci.bad_end import at_bad_end, stopping
 from qrobot.rci.sample_drivers import driver_for
 from qrobot.rci.sampled_task import SampleDriver
 from qrobot.wire import RobotState, Signals
@@ -54,6 +56,7 @@ class ArmSession:
         self._driver = self._new_driver(None)
         self.released = False
         self._error_told = False
+        self._block_thread = 0  # whose `with` block holds the arm
         self._signals: tuple[str, ...] = ()
         self.settings = ArmSettings(
             name, lambda: link, self.task, self.wait, lambda: self._task.tick, lambda: self._task.how
@@ -192,7 +195,7 @@ class ArmSession:
         if (group := self._task.group) is not None and self._task.follows:
             with self._driver.lock():
                 group.come_to_rest()  # what this arm holds together with others rests before it is let go of
-            self.wait(lambda: group.rests and not self._task.carried)
+            self.wait(lambda: group.rests and not group.carries(self._task))
         with self._driver.lock():
             self._task.stop()  # at rest it may still follow a frame that moves
         self.wait(lambda: not self._task.eventful)
@@ -207,23 +210,47 @@ class ArmSession:
             self._error_told = True
             raise self._driver.error
 
+    def begin_stop(self) -> None:
+        """Begin to come to rest, and with it what moves together with this arm; waits for nothing."""
+        with suppress(QRobotError), self._driver.lock():
+            self._task.begin_stop()
+
+    def enter_block(self) -> None:
+        """A `with` block of this thread holds the arm."""
+        self._block_thread = threading.get_ident()
+
+    def leaving_block(self, well: bool) -> AbstractContextManager[None]:
+        """The block ends, `well` or not: by an error, and the arms of the blocks around it stop as this one does."""
+        return stopping(well, self._stop_blocks)
+
+    @classmethod
+    def _stop_blocks(cls) -> None:
+        for hold in list(cls._holds):
+            if hold._block_thread == threading.get_ident():
+                hold.begin_stop()
+
     def end(self, well: bool) -> None:
-        """The program has ended: do its motions if it did so well, and release. Raises what those raise."""
-        with letting_go(lambda: self.release(power_off=False)):
+        """The program has ended: do its motions if it did so well, and release. Raises what those raise.
+
+        When it has ended badly, or they cannot be done, no other arm goes on meanwhile.
+        """
+        with letting_go(lambda: self.release(power_off=False)), stopping(well):
             if well:
                 self.finish(lambda: None)
 
     @classmethod
     def end_all(cls, well: bool) -> None:
-        """`end` those of all arms, in the order they were taken; raises a program's first error if it ended well."""
-        failed: list[QRobotError] = []
+        """`end` those of all arms, in the order they were taken.
+
+        Raises the first error of a program that ended well, and Ctrl-C, once all arms are let go of.
+        """
+        failed: list[BaseException] = []
         for hold in list(cls._holds):
             try:
                 hold.end(well and not failed)
-            except QRobotError as error:
+            except BaseException as error:
                 failed.append(error)
-        if failed and well:
-            raise failed[0]
+        raise_first(failed, well)
 
     def _at_exit(self) -> None:
         """The interpreter ends: well, unless something has been raised that nobody has handled."""
@@ -231,6 +258,12 @@ class ArmSession:
             self.end(well=not hasattr(sys, "last_value"))
         except QRobotError as error:
             print(f"{self._name}: {error}", file=sys.stderr)
+
+
+@at_bad_end
+def _stop_all() -> None:
+    for hold in list(ArmSession._holds):
+        hold.begin_stop()
 
 
 def ended_well(error: BaseException | None) -> bool:

@@ -104,13 +104,15 @@ class Channel(MotionParameters, HandAndOutputs):
         self._session.finish(look)
 
     def __enter__(self) -> Channel:
+        self._session.enter_block()
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        with letting_go(lambda: self._let_go(error)):
-            if ended_well(error):
+        well = ended_well(error)
+        with letting_go(lambda: self._let_go(error)), self._session.leaving_block(well):
+            if well:
                 self.finish()
 
     def _let_go(self, error: BaseException | None) -> None:

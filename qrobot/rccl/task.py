@@ -9,7 +9,6 @@ clock and no thread: a `SampleDriver` of RCI calls `step` once per STATE.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Final
 
 import numpy as np
 
@@ -43,8 +42,6 @@ from qrobot.rci.descriptor import HOST, NO_BIT, local_area
 from qrobot.rci.robot_cycle import SERVO_AWAY, CycleHooks, CyclePhase, RobotCycle
 from qrobot.wire import Command, Payload, RobotState, State
 
-STANDING: Final = 1e-6  # rad/s or m/s: of a setpoint that stands, but for rounding
-
 
 class TrajectoryTask:
     """One program's hold of one arm.
@@ -57,6 +54,7 @@ class TrajectoryTask:
         trace: is told what happens.
 
     Attributes:
+        robot: as given.
         td: its descriptor, as RCI knows it; not in the table of the program's own tasks.
         chg: what the next command says; the task writes setpoints and requests, a program hand and outputs.
         completed: true while the arm has nothing to do.
@@ -100,12 +98,11 @@ class TrajectoryTask:
         self._kept: KeptPath | None = None
         self.each_sample: Callable[[], object] | None = None
         self._moved = False  # joints, by that function in the sample before
-        self._robot, self._blend = robot, blend
+        self.robot, self._blend = robot, blend
         self._limits = self._full_limits = motion_limits(robot)
         arm = Arm(robot)
         self._kinematics = kinematics_of(arm)
-        self.fences = fences
-        self.motions = OpenMotions(arm)
+        self.fences, self.motions = fences, OpenMotions(arm)
         self._load = Payload(0.0)
         self._player: SetpointPlayer | None = None  # whose setpoints go out instead of the generator's
         self._cycle = self._new_cycle(period_s, clear_fault)
@@ -124,7 +121,7 @@ class TrajectoryTask:
 
     def _begin(self, period_s: float, trace: Trace | None) -> None:
         self.period_s = period_s
-        self.force = ForceControl(self._robot, period_s, self._kinematics)
+        self.force = ForceControl(self.robot, period_s, self._kinematics)
         self.carry(self._load)
         self.timing = CallbackTiming(period_s * 1e3)
         self._generator: Generator | None = None
@@ -158,11 +155,6 @@ class TrajectoryTask:
         return self._cycle.phase is CyclePhase.FOLLOWING
 
     @property
-    def robot(self) -> Robot:
-        """The arm."""
-        return self._robot
-
-    @property
     def generator(self) -> Generator:
         """The trajectory generator. Raises LinkError before the arm holds."""
         if self._generator is None:
@@ -181,13 +173,9 @@ class TrajectoryTask:
 
     @property
     def follows(self) -> bool:
-        """The arm has come to a goal that moves, and stays with it."""
-        return self.tied and not self.busy and not self.off_path
-
-    @property
-    def carried(self) -> bool:
-        """The arm moves because what it follows does."""
-        return self.follows and bool(np.abs(self.generator.state()[1]).max() > STANDING)
+        """The arm has come to a goal that moves, by what rests when its group does, and stays with it."""
+        stays = self.tied and not self.busy and not self.off_path
+        return stays and (self.group is None or self.group.leads(self.generator.goal))
 
     def push(self, order: MoveOrder) -> None:
         """Queue a motion whose course is told to its position.
@@ -207,7 +195,7 @@ class TrajectoryTask:
 
     def play(self, setpoints: Setpoints, label: str) -> None:
         """Send setpoints one each sample. Raises what `Channel.play` raises."""
-        check_fit(setpoints, self._robot.name, self.period_s, label)
+        check_fit(setpoints, self.robot.name, self.period_s, label)
         if self.busy:
             raise MotionError(f"{label}: the arm still moves; wait for `completed` first")
         setpoints.check(self._limits, label)
@@ -228,6 +216,10 @@ class TrajectoryTask:
             self._player.stop()
         elif self._generator is not None:
             self._generator.stop(seconds)
+
+    def begin_stop(self) -> None:
+        """Begin to come to rest, with all that moves together with this arm; see `TaskGroup.begin_stop`."""
+        (self.stop if self.group is None else self.group.begin_stop)()
 
     def resume(self) -> None:
         """Let motions go on that `paused` holds, and lead the arm back to a path that is kept."""
@@ -358,7 +350,7 @@ class TrajectoryTask:
     def _way_objection(self, goal: Floats) -> MotionError | None:
         if self.how is None:
             return None
-        return self.way_back.objection(self._robot, self.motions.arm.forward, np.array(self.how.q), goal)
+        return self.way_back.objection(self.robot, self.motions.arm.forward, np.array(self.how.q), goal)
 
     def _generate(self) -> None:
         how, tick = self.how, self.tick

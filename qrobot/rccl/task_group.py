@@ -9,14 +9,18 @@ from __future__ import annotations
 import threading
 from typing import TYPE_CHECKING, Final, Protocol
 
+import numpy as np
+
 from qrobot.errors import MotionError
 from qrobot.wire.sequence import difference
 
 if TYPE_CHECKING:
+    from qrobot.motion import Goal, Trsf
     from qrobot.rccl.task import TrajectoryTask
 
 
 MOST_APART: Final = 32  # samples by which arms on one clock may differ where they join; more is another clock [A]
+STANDING: Final = 1e-6  # rad/s or m/s: of a setpoint that stands, but for rounding
 
 
 class GroupMember(Protocol):
@@ -45,12 +49,14 @@ class TaskGroup:
         tick: the newest sample of any of them.
         period_s: sample period of all of them, 0 before there is any.
         members: what goes along with their samples, in the order in which it was added.
+        transforms: where arms and members are: what follows them comes to rest when they do.
     """
 
     def __init__(self) -> None:
         self.sampled = threading.Condition()
         self.tick, self.period_s = 0, 0.0
         self.members: list[GroupMember] = []
+        self.transforms: list[Trsf] = []
         self._tasks: list[TrajectoryTask] = []
         self._shared: tuple[int, int] | None = None  # a sample, and its number on the clock that arms share
 
@@ -111,10 +117,29 @@ class TaskGroup:
         met as well.
         """
         self.leave(task)
+        self.begin_stop(retreat_too=False)
+
+    def begin_stop(self, retreat_too: bool = True) -> None:
+        """Let all that moves together begin to come to rest; an arm that follows a frame rests with that.
+
+        Args:
+            retreat_too: an arm that goes back from what it met stops as well.
+        """
         self.come_to_rest()
-        for other in self._tasks:
-            if not other.follows:
-                other.stop(retreat_too=False)
+        for task in self._tasks:
+            if not task.follows:
+                task.stop(retreat_too=retreat_too)
+
+    def leads(self, goal: Goal | None) -> bool:
+        """True for a goal that no function of the program moves."""
+        return goal is not None and all(trsf in self.transforms for trsf in goal.functions)
+
+    def carries(self, task: TrajectoryTask) -> bool:
+        """True while the arm moves because what it follows does; one that gives way may go on by itself."""
+        goal = task.generator.goal
+        if goal is None or goal.compliance is not None or not task.follows:
+            return False
+        return bool(np.abs(task.generator.state()[1]).max() > STANDING)
 
     @property
     def tied(self) -> bool:

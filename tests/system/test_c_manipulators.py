@@ -379,6 +379,27 @@ def test_a_program_ends_with_its_motions_done_and_its_arms_let_go_of(tmp_path: P
     assert right.requests == []
 
 
+@pytest.mark.parametrize("end", ["exit(3);", "terminate = 1; rccl_manip_sample();", "move(left, 0);", "abort();"])
+def test_a_program_that_ends_badly_has_all_its_arms_stopped_at_one_sample(end: str, tmp_path: Path, capfd) -> None:
+    text = f"""
+    main()
+    {{
+        POS *p, *q;
+        begin();
+        p = jposition(left, "P", 40., -45., 180., 0., 45., 0.);
+        q = jposition(right, "Q", 40., -45., 180., 0., 45., 0.);
+        setime(left, 100., 4000.); setime(right, 100., 4000.);
+        move(left, p); move(right, q);
+        waitas(p->scal > .3)
+        {end}
+    }}"""
+    status, (left, right) = run(compiled_text(f"#include <stdlib.h>\n{TWO_ARMS}{text}", tmp_path))
+    assert status != 0
+    ways = [under_way(trace.setpoints.q) for trace in (left, right)]
+    assert 0 < len(ways[0]) < 4000 / 28 + 2
+    assert np.array_equal(*ways)
+
+
 def test_the_sources_tell_which_release_they_want(tmp_path: Path) -> None:
     def includes(text: str, release: toolchain.Release = "auto") -> bool:
         source = tmp_path / "program.c"

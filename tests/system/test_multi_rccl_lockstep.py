@@ -15,8 +15,23 @@ from qrobot.cli.console import run_app
 from qrobot.cli.main import make_app
 from qrobot.model.arm import Arm
 from qrobot.model.transform import inverse
-from qrobot.multi_rccl import RobotManip, wait_as
+from qrobot.multi_rccl import (
+    EQ,
+    TL,
+    TRANS,
+    RobotManip,
+    comply,
+    make_position,
+    move,
+    rccl_control,
+    rccl_open,
+    rccl_release,
+    setmode,
+    wait_as,
+    wait_for,
+)
 from qrobot.multi_rccl.program import _program
+from qrobot.rccl import gentr_rpy
 from qrobot.rccl.program import ending
 from qrobot.rig.lockstep import LockstepRig, link_factory
 from qrobot.servo.settings import ServoSettings
@@ -88,6 +103,26 @@ def test_an_arm_whose_wrist_has_fallen_beyond_its_range_takes_part_as_well() -> 
             assert off(obj.trans.value @ grip.value, place)[0] < 0.002
     _program.reset(token)
     assert not any(rig.rows()["fault"].any() for rig in rigs.values())
+
+
+def test_an_arm_that_gives_way_is_let_go_of_though_it_never_stands_still() -> None:
+    """In the air nothing stops it; it is stopped."""
+    token = _program.set(None)
+    with rci.use(partial(link_factory, LockstepRig(ROBOT, ServoSettings(rate_hz=1000.0)), 28_000)), ending():
+        arm = rccl_open("left")
+        rccl_control(arm)
+        setmode(arm, "cartesian")
+        comply(arm, "fz", 5.0)
+        move(arm, make_position(TRANS, EQ, gentr_rpy("AIR", 500, 0, 100, 0, 180, 0), TL, TRANS))
+        wait_for(arm.completed)
+        assert isinstance(arm, RobotManip)
+        before, begun = arm.j6, arm.sample
+        wait_as(lambda: arm.sample > begun + 10)
+        assert np.abs(arm.j6 - before).max() > 0.01  # degrees
+        begun = arm.sample
+        rccl_release(arm)
+        assert arm.sample - begun < 60
+    _program.reset(token)
 
 
 def test_two_hands_keep_their_distance_within_the_sum_of_their_tracking_errors() -> None:

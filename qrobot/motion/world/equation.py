@@ -129,6 +129,11 @@ class Goal:
         self.compliance = compliance
         self.fixed = left.fixed and right.fixed and compliance is None
 
+    @property
+    def functions(self) -> list[Trsf]:
+        """The functional transforms of both products."""
+        return self.left.functions + self.right.functions
+
     def pose(self, tick: int) -> Floats:
         """T6 at the goal, at sample `tick`. Shape (4, 4)."""
         return self.left.at(tick) @ self.carried(tick)

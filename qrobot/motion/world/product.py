@@ -77,6 +77,11 @@ class Product:
         """Its value never changes."""
         return not self._moving
 
+    @property
+    def functions(self) -> list[Trsf]:
+        """The functional transforms that are asked."""
+        return [trsf for _, trsf in self._moving if trsf.kind is TransformKind.FUNCTION]
+
     def __len__(self) -> int:
         """Number of factors left to multiply at each sample."""
         return len(self._values)

@@ -10,7 +10,7 @@ from typing import Any, Final, TypeAlias
 from qrobot.c_transport.memory import ProgramMemory
 from qrobot.c_transport.message import REFS, CallMessage, Op
 from qrobot.c_transport.program_link import ProgramLink
-from qrobot.errors import MotionError, QRobotError, letting_go
+from qrobot.errors import MotionError, QRobotError, letting_go, raise_first
 from qrobot.motion import TransformKind
 from qrobot.multi_rccl import program as calls
 from qrobot.multi_rccl.c.shared_manip import SharedManip
@@ -24,6 +24,7 @@ from qrobot.rccl.c.object_registry import ObjectRegistry, UnknownError
 from qrobot.rccl.c.recorded_transforms import RecordedTransforms
 from qrobot.rccl.c.shared import SharedTransform
 from qrobot.rccl.position import Position, Separator, there
+from qrobot.rci.bad_end import stop_all
 
 MANIP: Final = REFS - 1  # reference to the manipulator of a call
 TERMINATE: Final = 3  # among the places of variables
@@ -77,16 +78,16 @@ class ManipDispatcher:
         return answer or CallMessage(Op.REPLY)
 
     def let_go(self) -> None:
-        """Bring the arms to rest and release them. Raises, at the end, what ended control of one before."""
+        """Bring all arms to rest together, and release them. Raises, at the end, what ended control of one before."""
         program, self._program = self._program, ManipProgram()
-        failed: list[QRobotError] = []
+        failed: list[BaseException] = []
+        stop_all()
         for manip in sorted(program.manips, key=lambda manip: not isinstance(manip, RobotManip)):
             try:
                 calls.rccl_release(manip)
-            except QRobotError as error:
+            except BaseException as error:
                 failed.append(error)
-        if failed:
-            raise failed[0]
+        raise_first(failed, ours_too=True)
 
     # -------------------------------------------------------------------------------------------- at every sample
 

@@ -248,6 +248,10 @@ class RemoteTask:
         """See `TrajectoryTask.stop`."""
         self.process.ask("stop", seconds)
 
+    def begin_stop(self) -> None:
+        """See `TrajectoryTask.begin_stop`."""
+        self.process.tell("stop", 0.0)
+
     def resume(self) -> None:
         """See `TrajectoryTask.resume`."""
         self._values["paused"] = False

@@ -11,7 +11,7 @@ from qrobot.rccl import arm_session, channel, hand_and_outputs
 from qrobot.rccl.process.remote_task import RemoteTask
 from tests.support.puma import PERIOD_S, ROBOT
 
-OF_A_GROUP = {"follows", "carried"}  # asked of arms that move together, which are of one process
+OF_A_GROUP = {"follows"}  # asked of arms that move together, which are of one process
 
 
 def asked_of_tasks(module: ModuleType) -> set[str]:
@@ -27,3 +27,10 @@ def test_a_channel_and_its_session_find_all_that_they_ask_of_a_task() -> None:
     assert len(asked) > 25
     needs_report = {name for name in asked if isinstance(inspect.getattr_static(RemoteTask, name, None), property)}
     assert {name for name in asked - needs_report if not hasattr(task, name)} == OF_A_GROUP
+
+
+def test_it_begins_to_stop_and_waits_for_no_answer_of_its_process() -> None:
+    told: list[tuple[object, ...]] = []
+    process: Any = SimpleNamespace(tell=lambda *order: told.append(order))
+    RemoteTask(ROBOT, PERIOD_S, process, "aux").begin_stop()
+    assert told == [("stop", 0.0)]

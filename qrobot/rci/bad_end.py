@@ -1,0 +1,36 @@
+"""Bad ends of programs: all arms begin to come to rest first, whichever library moves them.
+
+They are let go of one after the other, and that takes time: none may go on with its motions until its turn comes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Final
+
+_stops: Final[list[Callable[[], object]]] = []
+
+
+def at_bad_end(stop: Callable[[], object]) -> Callable[[], object]:
+    """Have `stop` called when a program ends badly: it lets arms begin to come to rest, and waits for nothing."""
+    _stops.append(stop)
+    return stop
+
+
+def stop_all() -> None:
+    """Let all arms of the program begin to come to rest."""
+    for stop in _stops:
+        stop()
+
+
+@contextmanager
+def stopping(well: bool, stop: Callable[[], object] = stop_all) -> Iterator[None]:
+    """Call `stop` when the program, or a part of it, has not ended `well`, and when the block raises."""
+    try:
+        if not well:
+            stop()
+        yield
+    except BaseException:
+        stop()
+        raise

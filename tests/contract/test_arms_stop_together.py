@@ -1,0 +1,248 @@
+"""When a program of several arms ends badly all begin to stop at one sample, though they are let go of in turn."""
+
+from __future__ import annotations
+
+import signal
+from collections.abc import Callable
+from contextlib import ExitStack, suppress
+from contextvars import copy_context
+from itertools import count
+from threading import Thread
+from typing import Final
+
+import numpy as np
+import pytest
+
+from qrobot import rccl, rci
+from qrobot.arcl import MOV_TIME, arcl_open, joint_pos
+from qrobot.arcl import move as arcl_move
+from qrobot.arrays import Floats
+from qrobot.cli.run import _arcl_ending
+from qrobot.motion import Termination
+from qrobot.multi_rccl import (
+    EQ,
+    TL,
+    TRANS,
+    Manip,
+    jposition,
+    make_position,
+    move,
+    rccl_control,
+    rccl_open,
+    rccl_release,
+    setime,
+    tracking_mode,
+    wait_as,
+    wait_for,
+)
+from qrobot.multi_rccl.program import _program
+from qrobot.rccl import Position, gentr_rpy, newtrans, trsl
+from qrobot.rccl.offline import OfflineLink
+from qrobot.rccl.program import ending
+from qrobot.rci.program_time import program_time
+from qrobot.units import NS_PER_S
+from qrobot.wire import Command, Hello, State
+
+ARMS: Final = ("left", "middle", "right")
+GOAL_DEG: Final = [40.0, -50.0, 175.0, 30.0, 45.0, 20.0]
+ARCL_GOAL_DEG: Final = [40.0, 60.0, -60.0, 30.0, 45.0, 20.0]
+LONG_MS: Final = 4000.0
+ENDS_S: Final = 2.0  # from the beginning: all arms are on their way
+AT_ONCE: Final = 40  # samples, until the arm rests and is let go of
+
+
+class Ways:
+    """Links to ideal arms; what each was sent at which instant of the program.
+
+    Args:
+        interrupt_s: time from the beginning at which Ctrl-C comes, None for never.
+    """
+
+    def __init__(self, interrupt_s: float | None = None) -> None:
+        self.sent: Sent = {}
+        self._numbers = count()
+        self._begun_ns = program_time().now_ns
+        self._interrupt_s = interrupt_s
+
+    def link(self, hello: Hello) -> OfflineLink:
+        """The way to the next arm."""
+        ways, sent = self, self.sent.setdefault(ARMS[next(self._numbers)], {})
+
+        class Heard(OfflineLink):
+            def exchange(self, command: Command | None) -> State:
+                state = super().exchange(command)
+                sent[program_time().now_ns - ways._begun_ns] = np.array(state.robot.q_setpoint)
+                ways._interrupt()
+                return state
+
+        return Heard(hello)
+
+    @property
+    def on_their_way(self) -> bool:
+        """All arms move."""
+        return program_time().now_ns - self._begun_ns >= ENDS_S * NS_PER_S
+
+    def _interrupt(self) -> None:
+        if self._interrupt_s is not None and program_time().now_ns - self._begun_ns >= self._interrupt_s * NS_PER_S:
+            self._interrupt_s = None
+            signal.raise_signal(signal.SIGINT)
+
+
+def start(arm: rccl.Channel) -> rccl.Channel:
+    """An arm that begins a long motion."""
+    arm.setime(100.0, LONG_MS)
+    arm.move(arm.jposition("GOAL", GOAL_DEG))
+    return arm
+
+
+Sent = dict[str, dict[int, Floats]]
+End = Callable[[], object]
+Program = Callable[[Ways, End], None]
+"""A program whose arms are on their way when it calls `end`, and ends."""
+
+
+def by_channels(ways: Ways, end: End) -> None:
+    with rccl.use(ways.link), ending():
+        arms = [start(rccl.control()) for _ in ARMS]
+        arms[0].waitas(lambda: ways.on_their_way)
+        end()
+
+
+def by_blocks(ways: Ways, end: End) -> None:
+    with rccl.use(ways.link), ExitStack() as blocks:
+        arms = [start(blocks.enter_context(rccl.control())) for _ in ARMS]
+        arms[0].waitas(lambda: ways.on_their_way)
+        end()
+
+
+def by_manipulators(ways: Ways, end: End) -> None:
+    token = _program.set(None)
+    try:
+        with rci.use(ways.link), ending():
+            for name in ARMS:
+                arm = rccl_open(name)
+                rccl_control(arm)
+                setime(arm, 100.0, LONG_MS)
+                move(arm, jposition(arm, "GOAL", GOAL_DEG))
+            wait_as(lambda: ways.on_their_way)
+            end()
+    finally:
+        _program.reset(token)
+
+
+def by_robots(ways: Ways, end: End) -> None:
+    with rci.use(ways.link), _arcl_ending():
+        robots = [arcl_open() for _ in ARMS]
+        for rp in robots:
+            arcl_move(rp, joint_pos(rp, "GOAL", ARCL_GOAL_DEG), MOV_TIME, LONG_MS)
+            arcl_move(rp, joint_pos(rp, "NEXT", [0.0, *ARCL_GOAL_DEG[1:]]))
+        robots[0].wait(lambda: ways.on_their_way)
+        end()
+
+
+def by_libraries(ways: Ways, end: End) -> None:
+    with rccl.use(ways.link), rci.use(ways.link), ending(), _arcl_ending():
+        arm, rp = rccl.control(), arcl_open()
+        arcl_move(rp, joint_pos(rp, "GOAL", ARCL_GOAL_DEG), MOV_TIME, LONG_MS)
+        start(arm).waitas(lambda: ways.on_their_way)
+        end()
+
+
+PROGRAMS: Final = (by_channels, by_blocks, by_manipulators, by_robots, by_libraries)
+pytestmark = pytest.mark.usefixtures("arcl_alone")
+
+
+def sent_by(
+    program: Program, end: End = lambda: None, interrupt_s: float | None = None
+) -> dict[str, dict[int, Floats]]:
+    ways = Ways(interrupt_s)
+    with suppress(ValueError, KeyboardInterrupt, SystemExit):
+        program(ways, end)
+    return ways.sent
+
+
+def raising(error: BaseException) -> End:
+    def end() -> None:
+        raise error
+
+    return end
+
+
+def assert_all_stop_at_one_sample(
+    sent: dict[str, dict[int, Floats]], undisturbed: dict[str, dict[int, Floats]]
+) -> None:
+    left = {
+        next((t for t, q in own.items() if not np.array_equal(q, undisturbed[name].get(t))), None)
+        for name, own in sent.items()
+    }
+    assert None not in left
+    assert len(left) == 1
+    assert all(not np.ptp(list(own.values())[-2:], axis=0).any() for own in sent.values())  # and come to rest
+
+
+@pytest.mark.parametrize("error", [ValueError(), KeyboardInterrupt(), SystemExit(1)], ids=lambda e: type(e).__name__)
+@pytest.mark.parametrize("program", PROGRAMS)
+def test_all_arms_of_a_program_that_ends_badly_begin_to_stop_at_one_sample(
+    program: Program, error: BaseException
+) -> None:
+    assert_all_stop_at_one_sample(sent_by(program, raising(error)), sent_by(program))
+
+
+@pytest.mark.parametrize("program", PROGRAMS)
+def test_a_program_that_exits_with_status_0_has_all_its_motions_done(program: Program) -> None:
+    sent, undisturbed = sent_by(program, raising(SystemExit(0))), sent_by(program)
+    assert {name: list(own) for name, own in sent.items()} == {name: list(own) for name, own in undisturbed.items()}
+    assert all(np.array_equal(q, undisturbed[name][t]) for name, own in sent.items() for t, q in own.items())
+
+
+@pytest.mark.parametrize("program", PROGRAMS)
+def test_ctrl_c_while_the_last_motions_of_a_program_are_done_stops_all_its_arms(program: Program) -> None:
+    assert_all_stop_at_one_sample(sent_by(program, interrupt_s=ENDS_S + 1.0), sent_by(program))
+
+
+def test_an_error_that_is_handled_inside_the_block_of_an_arm_stops_no_other() -> None:
+    with rccl.use(Ways().link), rccl.control() as left:
+        goal = left.jposition("GOAL", GOAL_DEG)
+        left.move(goal)
+        with rccl.control() as right, suppress(ValueError):
+            start(right)
+            raise ValueError
+    assert goal.code == Termination.COMPLETED
+
+
+def test_an_error_stops_no_arm_in_the_block_of_another_thread() -> None:
+    arms: list[rccl.Channel] = []
+    with rccl.use(Ways().link):
+        surroundings = copy_context()
+        thread = Thread(target=surroundings.run, args=(lambda: arms.append(start(rccl.control().__enter__())),))
+        thread.start()
+        thread.join()
+        with suppress(ValueError), rccl.control():
+            raise ValueError
+        assert arms[0].unserved == 1
+        arms[0].release()
+
+
+def sensed() -> Position:
+    """A place that goes on by a millimetre at each sample."""
+    looks = count()
+    seen = newtrans("SEEN", lambda t: trsl(t, 500, 1.0 * next(looks), 0))
+    return make_position(TRANS, EQ, seen, gentr_rpy("TURNED", 0, 0, 0, 0, 180, 0), TL, TRANS)
+
+
+@pytest.mark.parametrize("end", [rccl_release, lambda _: raising(ValueError())()], ids=["release", "error"])
+def test_an_arm_that_follows_a_sensor_stops_at_once(end: Callable[[Manip], object]) -> None:
+    ways = Ways()
+    token = _program.set(None)
+    with suppress(ValueError), rci.use(ways.link), ending():
+        arm = rccl_open("left")
+        rccl_control(arm)
+        tracking_mode(arm)
+        move(arm, sensed())
+        wait_for(arm.completed)
+        begun_ns = list(ways.sent["left"])[-1]
+        end(arm)
+    _program.reset(token)
+    path = np.array([q for t, q in ways.sent["left"].items() if t >= begun_ns])
+    assert np.abs(np.diff(path[:2], axis=0)).max() > 1e-3  # it was under way
+    assert len(path) < AT_ONCE
