@@ -54,6 +54,10 @@ class CompiledThread:
         else:
             getattr(self, f"_{order}")(*arguments)
 
+    def begin(self, order: str, *arguments: Any) -> Callable[[], object]:
+        """See `Processors.begin`; it is done while it is waited for: no robot is there to be stopped."""
+        return lambda: self.order(order, *arguments)
+
     def _add(self, td: TaskDescriptor, _open_link: object) -> None:
         refuse_task(self._name, td, alone=self._td is None)
         self._td = td

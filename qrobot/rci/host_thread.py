@@ -51,18 +51,22 @@ class HostThread:
 
     def order(self, order: str, *arguments: Any) -> None:
         """Let the monitor do something between two runs, and wait until it has. Raises what it raises."""
+        self.begin(order, *arguments)()
+
+    def begin(self, order: str, *arguments: Any) -> Callable[[], object]:
+        """See `Processors.begin`."""
         if threading.current_thread() is self._thread:  # a control function changes its own attributes
             self._loop.monitor.obey(order, *arguments)
-            return
+            return nothing_left
         if self._hung:
             refuse_start(order, self._why)
-            return  # its tasks have ended
+            return nothing_left  # its tasks have ended
         answer = Answer()
         if order == "power_off":
             self._power_off(answer, *arguments)
         else:
             self._loop.ring(lambda: answer.give(lambda: self._loop.monitor.obey(order, *arguments)))
-        answer.take(self._is_hopeless)
+        return lambda: answer.take(self._is_hopeless)
 
     def _power_off(self, answer: Answer, bits: int) -> None:
         """Greet robots aside, and go on with them between two runs."""
@@ -117,6 +121,10 @@ def refuse_start(order: str, why: str) -> None:
     """Raise LinkLost when tasks are to be started, or robots to lose power, on a processor that does nothing more."""
     if order in ("attach", "power_off"):
         raise LinkLost(f"this processor runs no task any more, {why}: rci_close(), and create the tasks anew")
+
+
+def nothing_left() -> None:
+    """The wait for an order that is done."""
 
 
 class Answer:

@@ -5,12 +5,13 @@ from __future__ import annotations
 import multiprocessing
 import pickle
 from collections.abc import Callable
+from functools import partial
 from multiprocessing.connection import Connection
 from typing import Any, Final
 
 from qrobot.errors import ConfigError, LinkLost, RogueTask
 from qrobot.rci.descriptor import TaskDescriptor, TaskState, TaskWord
-from qrobot.rci.host_thread import PATIENCE_S, lateness, refuse_start
+from qrobot.rci.host_thread import PATIENCE_S, lateness, nothing_left, refuse_start
 from qrobot.rci.process_main import run_processor
 from qrobot.rci.processor_image import ProcessorImage
 from qrobot.rci.processor_names import claim_processor, cpu_of
@@ -47,9 +48,13 @@ class ProcessProcessor:
 
     def order(self, order: str, *arguments: Any) -> None:
         """Let its monitor do something, and wait until it has; before it runs, when it does. Raises what it raises."""
+        self.begin(order, *arguments)()
+
+    def begin(self, order: str, *arguments: Any) -> Callable[[], object]:
+        """See `Processors.begin`."""
         if order == "add":
             self._tds[arguments[0].bit] = arguments[0]  # its process makes a task of the image by itself
-            return
+            return nothing_left
         check_portable(order, arguments)
         if order == "attach":
             for bit, td in self._tds.items():
@@ -61,7 +66,8 @@ class ProcessProcessor:
             refuse_start(order, self._dead)
         else:
             self._send_waiting()
-            self._ask(order, arguments)
+            return self._ask(order, arguments)
+        return nothing_left
 
     def boot(self, image: ProcessorImage) -> None:
         """Start its process, once. Raises ConfigError when what it needs cannot be handed over."""
@@ -85,18 +91,30 @@ class ProcessProcessor:
     def _send_waiting(self) -> None:
         """Give the orders that have waited for the process: after Ctrl-C at its start, those that are left."""
         while self._waiting and not self._dead:
-            self._ask(*self._waiting.pop(0))
+            self._ask(*self._waiting.pop(0))()
 
-    def _ask(self, order: str, arguments: tuple[Any, ...]) -> None:
+    def _ask(self, order: str, arguments: tuple[Any, ...]) -> Callable[[], object]:
+        """Send an order; gives what waits for its answer, and raises that."""
         self._asked += 1
         try:
             self._orders.send((self._asked, order, arguments))
-            error = self._answer(self._asked)
+        except OSError:
+            self._find_dead()
+            return nothing_left
+        return partial(self._take_answer, self._asked)
+
+    def _take_answer(self, number: int) -> None:
+        try:
+            error = self._answer(number)
         except (EOFError, OSError):
-            self._bury(f"processor {self.name} has died: {self._end_of_process()}")
+            self._find_dead()
             return
         if error is not None:
             raise error
+
+    def _find_dead(self) -> None:
+        if not self._dead:
+            self._bury(f"processor {self.name} has died: {self._end_of_process()}")
 
     def _answer(self, number: int) -> BaseException | None:
         """Answer to the order of that number; one that nobody waits for any more, after Ctrl-C, is left out.
@@ -105,7 +123,7 @@ class ProcessProcessor:
         """
         while True:
             while not self._orders.poll(_LOOK_S):
-                if not self._process.is_alive():
+                if self._dead or not self._process.is_alive():
                     raise EOFError
             answered, error = self._orders.recv()
             if answered == number:

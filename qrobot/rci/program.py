@@ -12,7 +12,7 @@ from typing import Final, Protocol
 import numpy as np
 
 from qrobot.arrays import Words
-from qrobot.errors import ConfigError, QRobotError
+from qrobot.errors import ConfigError, QRobotError, raise_first
 from qrobot.rci.common_clock import CommonClock, checked_rate
 from qrobot.rci.descriptor import AREA_WORDS, HOST, MOST_TASKS, PARENT, TaskDescriptor, TaskState, TaskWord
 from qrobot.rci.environment import Environment, link_maker
@@ -62,6 +62,9 @@ class Processors(Protocol):
 
     def order(self, processor: str, order: str, *arguments: object) -> None:
         """Let its monitor do something."""
+
+    def begin(self, processor: str, order: str, *arguments: object) -> Callable[[], object]:
+        """The same, without a wait; gives what waits until it is done, and raises what `order` raises."""
 
     def words(self, n: int) -> Words:
         """Zeroed memory that all of them reach."""
@@ -249,7 +252,7 @@ class RciProgram:
 
     def _let_go(self, chosen: list[TaskDescriptor], power_off: bool) -> None:
         held = [td for td in chosen if td.state in _RUNNING]
-        self._each(held, "release", power_off)
+        self._all_at_once(held, "release", power_off)
         self._wait_for(lambda: all(td.state not in _RUNNING for td in held))
 
     def _chosen(self, mask: int, what: str) -> list[TaskDescriptor]:
@@ -260,9 +263,20 @@ class RciProgram:
 
     def _each(self, chosen: list[TaskDescriptor], order: str, *arguments: object) -> None:
         """Give an order for several tasks, one to each processor."""
-        for processor in dict.fromkeys(td.processor for td in chosen):
-            bits = sum(td.bit for td in chosen if td.processor == processor)
+        for processor, bits in _by_processor(chosen):
             self._processors.order(processor, order, bits, *arguments)
+
+    def _all_at_once(self, chosen: list[TaskDescriptor], order: str, *arguments: object) -> None:
+        """The same, to all processors before one of them is waited for. Raises the first error, once all are done."""
+        begin = self._processors.begin
+        answers = [begin(processor, order, bits, *arguments) for processor, bits in _by_processor(chosen)]
+        errors: list[BaseException] = []
+        for answer in answers:
+            try:
+                answer()
+            except Exception as error:
+                errors.append(error)
+        raise_first(errors, ours_too=True)
 
     # --------------------------------------------------------------------------------------------------------- waiting
 
@@ -318,6 +332,12 @@ def _leave_with_status() -> None:
             with suppress(OSError, ValueError):
                 stream.flush()
         os._exit(_exit_status[0])
+
+
+def _by_processor(tasks: list[TaskDescriptor]) -> list[tuple[str, int]]:
+    """Processors of tasks, each with the bits of its own."""
+    names = dict.fromkeys(td.processor for td in tasks)
+    return [(name, sum(td.bit for td in tasks if td.processor == name)) for name in names]
 
 
 def _has_come_up(td: TaskDescriptor) -> bool:

@@ -82,7 +82,11 @@ class RealTimeProcessors:
 
     def order(self, processor: str, order: str, *arguments: object) -> None:
         """Let the monitor of a processor do something, and wait until it has. Raises what it raises."""
-        self._processors[processor].order(order, *arguments)
+        self.begin(processor, order, *arguments)()
+
+    def begin(self, processor: str, order: str, *arguments: object) -> Callable[[], object]:
+        """See `Processors.begin`."""
+        return self._processors[processor].begin(order, *arguments)
 
     def words(self, n: int) -> Words:
         """Zeroed memory that all processors reach."""

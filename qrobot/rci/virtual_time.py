@@ -64,6 +64,11 @@ class VirtualProcessors:
                 self._ranks[runner.td.bit] = self._time.rank(self._place(processor), runner.td.priority)
                 self._time.reorder()
 
+    def begin(self, processor: str, order: str, *arguments: object) -> Callable[[], object]:
+        """See `Processors.begin`: it is done at once."""
+        self.order(processor, order, *arguments)
+        return lambda: None
+
     def _place(self, processor: str) -> int:
         """The place of a processor in the order of all, of which "host" is the first."""
         others = [name for name in self._monitors if name != HOST]

@@ -16,7 +16,7 @@ from typing import Any, Final
 from qrobot.errors import ConfigError, LinkBusy, LinkError, LinkLost, QRobotError, RemoteProtocolError
 from qrobot.rci.descriptor import TaskDescriptor, TaskState, TaskWord
 from qrobot.rci.environment import tcp_links
-from qrobot.rci.host_thread import refuse_start
+from qrobot.rci.host_thread import nothing_left, refuse_start
 from qrobot.rci.hosts.functions import name_of, names_of
 from qrobot.rci.hosts.mail import Letterbox, collected
 from qrobot.rci.hosts.packets import (
@@ -37,7 +37,7 @@ from qrobot.rci.hosts.packets import (
     error_of,
     how_of,
 )
-from qrobot.rci.hosts.session import ask, connecting, open_session
+from qrobot.rci.hosts.session import ask, ask_later, connecting, open_session
 from qrobot.rci.hosts.settings import KnownHost, find_host, known_hosts
 from qrobot.rci.processor_image import ProcessorImage, TaskRecord
 from qrobot.rci.processor_names import ProcessorInfo, host_name_of
@@ -106,9 +106,13 @@ class RemoteProcessor:
 
     def order(self, order: str, *arguments: Any) -> None:
         """Let its monitor do something, and wait until it has; before it runs, when it does. Raises what it raises."""
+        self.begin(order, *arguments)()
+
+    def begin(self, order: str, *arguments: Any) -> Callable[[], object]:
+        """See `Processors.begin`."""
         if order == "add":
             self._tds[arguments[0].bit] = arguments[0]
-            return
+            return nothing_left
         packet = self._packet(order, arguments)
         if order == "attach":
             for bit, td in self._tds.items():
@@ -120,12 +124,13 @@ class RemoteProcessor:
             refuse_start(order, self._dead)
         else:
             self._send_waiting()
-            self._carry_out(packet)
+            return self._carry_out(packet)
+        return nothing_left
 
     def _send_waiting(self) -> None:
         """Give the orders that have waited for the host: after Ctrl-C at its start, those that are left."""
         while self._waiting and not self._dead:
-            self._carry_out(self._waiting.pop(0))
+            self._carry_out(self._waiting.pop(0))()
 
     def _packet(self, order: str, arguments: tuple[Any, ...]) -> OrderPacket:
         """An order as it travels. Raises ConfigError for one that another host cannot carry out."""
@@ -143,9 +148,18 @@ class RemoteProcessor:
                 named.append(name_of(each, where))
         return OrderPacket(session=self._token, order=order, numbers=numbers, functions=named)  # type: ignore[arg-type]
 
-    def _carry_out(self, packet: OrderPacket) -> None:
+    def _carry_out(self, packet: OrderPacket) -> Callable[[], object]:
+        """Send an order; gives what waits for its answer, and raises that."""
         try:
-            reply = self._ask("orders", packet, ORDER_S)
+            reply = ask_later(self._session, self._host, "orders", packet, ORDER_S)
+        except (LinkError, RemoteProtocolError) as error:
+            self._bury(error)
+            return nothing_left
+        return lambda: self._take_answer(reply)
+
+    def _take_answer(self, answer: Callable[[], HostReply]) -> None:
+        try:
+            reply = answer()
             self._exchange()  # what the order has made of the tasks is known when it returns
         except (LinkError, RemoteProtocolError) as error:
             self._bury(error)

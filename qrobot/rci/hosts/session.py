@@ -6,7 +6,8 @@ The host listens at one endpoint, the program connects to it. Neither looks for 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from functools import partial
 from typing import TYPE_CHECKING, Any, Final
 
 from qrobot.errors import ConfigError, LinkLost, LinkTimeout
@@ -109,6 +110,13 @@ def ask(session: zenoh.Session, host: KnownHost, what: str, request: HostRequest
     Raises:
         LinkTimeout: none comes. RemoteProtocolError: it is none. LinkLost: the session is closed.
     """
+    return ask_later(session, host, what, request, patience_s)()
+
+
+def ask_later(
+    session: zenoh.Session, host: KnownHost, what: str, request: HostRequest, patience_s: float
+) -> Callable[[], HostReply]:
+    """Ask a host; gives what waits for its answer. Both raise what `ask` raises."""
     import zenoh
 
     try:
@@ -120,6 +128,15 @@ def ask(session: zenoh.Session, host: KnownHost, what: str, request: HostRequest
             congestion_control=zenoh.CongestionControl.BLOCK,
             express=True,
         )
+    except zenoh.ZError as error:
+        raise LinkLost(f"host {host.name}: {error}") from error
+    return partial(_answer_in, replies, host)
+
+
+def _answer_in(replies: Iterable[zenoh.Reply], host: KnownHost) -> HostReply:
+    import zenoh
+
+    try:
         found = [reply.ok for reply in replies if reply.ok is not None]
     except zenoh.ZError as error:
         raise LinkLost(f"host {host.name}: {error}") from error

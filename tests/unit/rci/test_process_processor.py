@@ -65,6 +65,32 @@ def serving(host: Host, connection: Any) -> Iterator[None]:
     thread.join()
 
 
+def running(connection: Any) -> Any:
+    """A processor whose process is at the other end of a connection, and has tasks."""
+    processor: Any = ProcessProcessor("aux1", lambda: None)
+    processor._process, processor._orders = Living(), connection
+    return processor
+
+
+def test_a_processor_that_hangs_keeps_no_order_from_another_one() -> None:
+    (far, silent), (ours, theirs), host = Pipe(), Pipe(), Host()
+    hanging, other = running(far), running(ours)
+    with serving(host, theirs):
+        answers = [processor.begin("release", 1, False) for processor in (hanging, other)]
+        answers[1]()
+        ours.send((0, "end", ()))
+    assert host.heard == [("release", 1, False)]
+    assert silent.recv() == (1, "release", (1, False))
+
+
+def test_the_wait_for_a_processor_ends_when_the_watch_has_found_that_it_hangs() -> None:
+    far, _silent = Pipe()
+    hanging = running(far)
+    answer = hanging.begin("release", 1, False)
+    hanging._bury("its task does not return")
+    answer()
+
+
 def test_ctrl_c_in_an_order_leaves_its_answer_to_nobody_and_each_later_one_has_its_own() -> None:
     ours, theirs = Pipe()
     host = Host()

@@ -10,8 +10,10 @@ from qrobot import rci
 from qrobot.config import load_robot
 from qrobot.errors import ConfigError
 from qrobot.rci import TaskState, VirtualLink
+from qrobot.rci.common_clock import checked_rate
 from qrobot.rci.descriptor import MOST_TASKS
 from qrobot.rci.program import RciProgram
+from qrobot.rci.virtual_time import VirtualProcessors
 from tests.support.fake_robot import FakeRobot
 from tests.support.rci_tasks import Runs, no_robot, pass_ticks, recorded, virtual_program
 
@@ -43,6 +45,40 @@ def test_tasks_run_by_priority_then_creation_at_exactly_their_ticks(tasks) -> No
         assert [td.run_count for td in tds] == [td.missed for td in tds] == [0] * len(tds)
         assert sum(td.runs for td in tds) == len(runs)
     assert runs == expected
+
+
+def test_all_processors_are_told_to_release_before_one_is_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    heard: list[tuple[str, str]] = []
+    begin = VirtualProcessors.begin
+
+    def noted(self, processor: str, order: str, *arguments: object):
+        heard.append(("told", processor))
+        answer = begin(self, processor, order, *arguments)
+        return lambda: (heard.append(("waited for", processor)), answer())
+
+    monkeypatch.setattr(VirtualProcessors, "begin", noted)
+    processors = ("host", "aux", "aux1")
+    with virtual_program() as runs:
+        rci.rci_start(sum(recorded(runs, name, 1, proc=name).bit for name in processors))
+    assert heard == [(what, name) for what in ("told", "waited for") for name in processors]
+
+
+@pytest.mark.parametrize("failing", ["host", "aux"])
+def test_an_error_of_one_processor_keeps_no_other_one_from_its_release(failing: str, monkeypatch) -> None:
+    begin = VirtualProcessors.begin
+
+    def failed(self, processor: str, order: str, *arguments: object):
+        answer = begin(self, processor, order, *arguments)
+        return (lambda: checked_rate(0)) if processor == failing else answer
+
+    with virtual_program() as runs:
+        tds = [recorded(runs, name, 1, proc=name) for name in ("host", "aux")]
+        rci.rci_start(rci.ALL)
+        monkeypatch.setattr(VirtualProcessors, "begin", failed)
+        with pytest.raises(ConfigError, match="clock of 0 Hz"):
+            rci.rci_release(rci.ALL)
+        monkeypatch.undo()
+        assert [td.state for td in tds] == [TaskState.RELEASED] * 2
 
 
 def test_creating_a_task_does_not_activate_it_and_it_is_active_until_released() -> None:
