@@ -220,7 +220,8 @@ class ObjectFrame(Manip):
         self._look(tick)
 
     def come_to_rest(self) -> None:
-        """See `GroupMember.come_to_rest`."""
+        """See `GroupMember.come_to_rest`: where `maintain` would have put it, it goes no more."""
+        self._put = None
         if self._generator is not None and not self.rests:
             self._generator.stop()
 

@@ -296,6 +296,46 @@ def test_a_sensor_that_fails_or_jumps_brings_frame_and_arms_to_rest_and_the_prog
     assert np.array_equal(obj.trans.value, here.value)
 
 
+def goes_on() -> Position:
+    """A place that goes on by a tenth of a millimetre at each look."""
+    looks = [0]
+
+    def track(t: Transform) -> None:
+        looks[0] += 1
+        trsl(t, 500, 0.1 * looks[0], 0)
+
+    return make_position(TRANS, EQ, newtrans("SEEN", track), gentr_rpy("TURNED", 0, 0, 0, 0, 180, 0), TL, TRANS)
+
+
+@pytest.mark.parametrize("before", [lambda _: None, lambda obj: maintain(obj, goes_on())], ids=["rests", "follows"])
+@pytest.mark.parametrize(
+    "call",
+    [
+        lambda obj: maintain(obj, goes_on()),
+        lambda obj: maintain(obj, make_position(TRANS, EQ, there, TL, TRANS)),
+        lambda obj: move(obj, make_position(TRANS, EQ, there, TL, TRANS)),
+        lambda obj: (tracking_mode(obj), move(obj, goes_on())),
+        lambda obj: stop(obj, make_position(TRANS, EQ, there, TL, TRANS), 500),
+    ],
+    ids=["maintain what moves", "maintain", "move", "track", "stop"],
+)
+def test_a_frame_comes_to_rest_from_whatever_it_was_told_last(ways, before, call) -> None:
+    obj = frame()
+    left, _ = arms()
+    group = left._group
+    before(obj)
+    begun = group.tick
+    wait_as(lambda: group.tick > begun + 10)
+    call(obj)
+    group.come_to_rest()
+    begun = group.tick
+    wait_as(lambda: group.tick > begun + 20)
+    stood = obj.trans.value.copy()
+    wait_as(lambda: group.tick > begun + 25)
+    assert group.rests
+    assert np.array_equal(obj.trans.value, stood)
+
+
 def test_an_arm_that_follows_no_frame_is_let_go_of_and_the_frame_goes_on(ways) -> None:
     obj = frame()
     _, right = arms()
