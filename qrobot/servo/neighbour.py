@@ -38,6 +38,7 @@ class Neighbour:
 
     Attributes:
         name: of the arm in the deployment.
+        robot: name of its robot; a servo of another one is not believed.
         pair: this arm and that one.
         a_stop, other_a_stop: decelerations of a stop. Shapes (n,).
         overshoot_s, other_overshoot_s: how far an arm outruns its reference in a stop, in seconds of its speed.
@@ -45,6 +46,7 @@ class Neighbour:
     """
 
     name: str
+    robot: str
     pair: ArmPair
     a_stop: Floats
     other_a_stop: Floats
@@ -64,8 +66,8 @@ def neighbour_between(arm: DeployedArm, other: DeployedArm, robot: Robot, other_
     pair = ArmPair(bodies[0], bodies[1], pose_between(arm.stand, other.stand))
     overshoot_s, other_overshoot_s = (float(each.control.stop_overshoot_s.max()) for each in (robot, other_robot))
     return Neighbour(
-        other.name, pair, robot.guard.a_stop, other_robot.guard.a_stop, overshoot_s, other_overshoot_s,
-        arm.fences.arm_margin_m,
+        other.name, other_robot.name, pair, robot.guard.a_stop, other_robot.guard.a_stop,
+        overshoot_s, other_overshoot_s, arm.fences.arm_margin_m,
     )  # fmt: skip
 
 

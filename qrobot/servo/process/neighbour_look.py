@@ -21,13 +21,16 @@ RETRY_S: Final = 0.2  # [A] between two attempts to find a servo that is not the
 class OtherServo:
     """Newest state of the servo of another arm on this machine, whenever it comes and goes.
 
+    A servo of another robot than the deployment file says is none: its places would be taken for those of that body.
+
     Args:
-        arm: its name.
+        arm: its name. robot, n: what it has to drive, and how many joints that has.
         clock: seconds.
     """
 
-    def __init__(self, arm: str, clock: Callable[[], float]) -> None:
-        self._arm, self._clock = arm, clock
+    def __init__(self, arm: str, robot: str, n: int, clock: Callable[[], float]) -> None:
+        self._arm, self._drives, self._clock = arm, (robot, n), clock
+        self._generation = 0
         self._segment: ServoSegment | None = None
         self._mailbox: ServoMailbox | None = None
         self._again_s = clock()
@@ -55,7 +58,12 @@ class OtherServo:
         if self._segment is None or not self._segment.is_current:
             self.close()
             self._segment = attach_servo_memory(self._arm)
-            self._mailbox = ServoMailbox(self._segment.words)
+        generation = int(self._segment.front.header.generation)
+        if self._mailbox is None or generation != self._generation:
+            self._mailbox, self._generation = ServoMailbox(self._segment.words), generation
+            info = self._mailbox.info
+            if (info.robot_name, info.n) != self._drives:
+                self._mailbox = None
 
 
 @contextmanager
@@ -67,7 +75,7 @@ def looking(
         yield
         return
     done = threading.Event()
-    others = [OtherServo(each.name, time.monotonic) for each in neighbours]
+    others = [OtherServo(each.name, each.robot, each.other_a_stop.size, time.monotonic) for each in neighbours]
     looks = [
         NeighbourLook(each, mailbox.snapshot, other.snapshot, words, time.monotonic)
         for each, other, words in zip(neighbours, others, told, strict=False)  # there may be more rows

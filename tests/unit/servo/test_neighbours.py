@@ -39,7 +39,7 @@ from qrobot.servo.neighbour import (
     distances_at_stops,
     neighbour_between,
 )
-from qrobot.servo.process.neighbour_look import looking
+from qrobot.servo.process.neighbour_look import RETRY_S, OtherServo, looking
 from qrobot.servo.settings import ServoSettings
 from qrobot.sim_board.emulator import Emulator
 from tests.support import fences as slowly
@@ -364,3 +364,18 @@ def test_the_way_of_both_stops_is_half_of_that_at_full_speed_and_what_each_arm_i
     seconds = 0.5 * 15.0 / 8.0 * float((np.abs(v) / a_stop).max()) + 0.02 + REACTION_S + overshoot_s
     np.testing.assert_allclose(seen[-1][0] - seen[0][0], v * seconds, rtol=1e-12, atol=1e-15)
     np.testing.assert_array_equal(seen[-1][1], seen[0][1])  # the other one rests
+
+
+def test_a_servo_is_believed_as_long_as_it_drives_the_robot_of_the_deployment_file() -> None:
+    name, now_s = f"n{uuid.uuid4().hex[:8]}", [0.0]
+    other = OtherServo(name, "puma560", 6, lambda: now_s[0])
+    for robot, n in (("puma560", 6), ("stanford", 6), ("puma560", 5), ("puma560", 6)):
+        with create_servo_memory(name, robot, "pd", n, 1_000_000, 16) as servo:
+            now_s[0] += RETRY_S
+            assert (other.snapshot() is not None) is ((robot, n) == ("puma560", 6))
+            servo.front.info.joints -= 1  # started anew in the same file, out of another deployment file
+            servo.front.header.generation += 1
+            now_s[0] += RETRY_S
+            assert other.snapshot() is None
+    now_s[0] += RETRY_S
+    assert other.snapshot() is None
