@@ -12,7 +12,7 @@ from qrobot.arcl.kept_motions import KeptMotions
 from qrobot.arcl.machine import RobotMachine
 from qrobot.errors import MotionError
 from qrobot.motion.kept import WayBackLimit
-from qrobot.rci.arguments import as_float, retract_m, shown
+from qrobot.rci.arguments import as_float, require_torques, retract_m, shown
 from qrobot.rci.standstill import PAUSED
 from qrobot.units import DEG_PER_RAD, M_PER_MM, MM_PER_M, RAD_PER_DEG
 
@@ -76,10 +76,12 @@ class PathCalls(ABC):
         remembered from this call on. Other arms of the program do not know of it.
 
         Raises:
-            MotionError: no such distance, or this machine cannot take an arm again that it has lost.
+            MotionError: no such distance, or this machine cannot take an arm again that it has lost; or nobody knows
+                the arm's torques, which alone tell a collision.
         """
         length_m = retract_m("retract", mm)
         with self._lock():
+            require_torques("retract", not length_m or self.ami.sample is None or self.ami.sample.torques_known)
             self.ami.keep_path(self._kept)
             self._kept.retract_m = length_m
 

@@ -13,6 +13,7 @@ from qrobot.cli.arms import DEFAULT_DEPLOYMENT, choose_arm, fences_of_arm, robot
 from qrobot.cli.console import note, out, plain_table, print_table, write_json
 from qrobot.cli.identify_options import FitOptions, KnownTorque, PlanOptions, RobotFile
 from qrobot.cli.option_types import LoadKg, MoveNumber, OutputFile, OutputLog
+from qrobot.config.collision import NO_TORQUES
 from qrobot.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -116,6 +117,8 @@ def record(
     from qrobot.ident.physical_gravity import LOAD_KG
 
     chosen = choose_arm(deployment, arm)
+    if chosen.board.position_drives:
+        raise ConfigError(f"{chosen.name} cannot be identified: {NO_TORQUES}")
     robot = robot_of_arm(chosen)
     made, _ = _made(robot, options or PlanOptions(), fences_of_arm(chosen))
     if output.suffix != ".mcap":

@@ -4,8 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from math import isfinite
+from typing import Final
 
 from qrobot.config.robot import Robot
+
+NO_TORQUES: Final = "the drives of this arm close the position loop, and nobody knows their torques"
 
 
 def threshold_objection(robot: Robot, thresholds: Sequence[float]) -> str:

@@ -12,11 +12,13 @@ import numpy as np
 
 from qrobot.arrays import Bools
 from qrobot.config import Robot
+from qrobot.config.collision import NO_TORQUES
 from qrobot.errors import IdentificationError
 from qrobot.hwif.registers import DAC_ZERO
 from qrobot.ident.counters import counter_faults
 from qrobot.ident.dropouts import long_dropout
 from qrobot.modecodes import Mode
+from qrobot.servo.memory.published_state import FLAG_NO_TORQUES
 from qrobot.servo.memory.telemetry import VECTORS, Rows
 
 SATURATED_SHARE: Final = 0.02  # of the time under way
@@ -36,6 +38,8 @@ def check_recording(robot: Robot, rows: Rows, period_s: float) -> None:
     """
     if not len(rows):
         return
+    if (rows["flags"] & FLAG_NO_TORQUES).any():
+        raise IdentificationError(f"nothing can be fitted: {NO_TORQUES}")
     faults = [*_no_numbers(robot, rows, period_s)] or [
         *_lost(rows, period_s),
         *counter_faults(robot, rows, period_s),

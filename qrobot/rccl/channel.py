@@ -35,7 +35,7 @@ YES: Final = 1
 NO: Final = 0
 
 
-class Channel(MotionParameters, HandAndOutputs):
+class Channel(HandAndOutputs, MotionParameters):
     """One arm under control of this program.
 
     Attributes:
@@ -242,8 +242,10 @@ class Channel(MotionParameters, HandAndOutputs):
     def exerted(self) -> Exerted:
         """Torques that the joints exert on the world at the newest sample, with their uncertainty; N m (N).
 
-        The commanded torque less gravity, inertia and friction. Raises LinkError before the first sample.
+        The commanded torque less gravity, inertia and friction. Raises LinkError before the first sample, MotionError
+        for an arm whose torques nobody knows.
         """
+        self._require_torques("exerted")
         if self._task.force.exerted is None:
             raise LinkError("nothing was heard of the robot yet")
         return self._task.force.exerted

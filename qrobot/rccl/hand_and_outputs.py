@@ -10,7 +10,7 @@ from qrobot.config import Robot
 from qrobot.errors import MotionError
 from qrobot.rccl.arm_session import ArmSession
 from qrobot.rccl.task import TrajectoryTask
-from qrobot.rci.arguments import collision_of, numbers, payload_of, retract_m, shown
+from qrobot.rci.arguments import collision_of, numbers, payload_of, require_torques, retract_m, shown
 from qrobot.wire.packets import analog_output
 from qrobot.wire.vocabulary import N_ANALOG_OUTPUTS, Hand
 
@@ -97,10 +97,13 @@ class HandAndOutputs:
             mm: of the way back, 0 to 300.
 
         Raises:
-            MotionError: no such reaction or distance, or thresholds that the arm does not take; nothing has changed.
+            MotionError: no such reaction or distance, or thresholds that the arm does not take, as one whose torques
+                nobody knows takes none; nothing has changed.
         """
         back_m = retract_m("collision", mm) if reaction == RETRACT else 0.0
         after = "stop" if reaction == RETRACT else reaction
+        if back_m:
+            self._require_torques("collision")
         self._session.settings.tell(collision_of("collision", self.robot, after, thresholds, RETRACT))
         self._task.retract_m = back_m
 
@@ -116,9 +119,17 @@ class HandAndOutputs:
         the operator, let the arm come to rest on its way, and end that.
 
         Raises:
-            MotionError: no such distance.
+            MotionError: no such distance; or nobody knows the arm's torques, which alone tell a collision.
         """
-        self._task.retract_m = retract_m("retract", mm)
+        back_m = retract_m("retract", mm)
+        if back_m:
+            self._require_torques("retract")
+        self._task.retract_m = back_m
+
+    def _require_torques(self, call: str) -> None:
+        """See `MotionParameters`: the newest sample tells."""
+        if self._task.how is not None:
+            require_torques(call, self._task.how.torques_known)
 
     def _set_hand(self, hand: Hand) -> None:
         with self._session.task():

@@ -176,10 +176,11 @@ class MotionParameters:
             values: what the arm exerts, one for each.
 
         Raises:
-            MotionError: an unknown direction, or not one value for each. `move` raises it when no joints match the
-                directions at the goal, or when they are too weak for the forces.
+            MotionError: an unknown direction, or not one value for each; or nobody knows the arm's torques. `move`
+                raises it when no joints match the directions at the goal, or when they are too weak for the forces.
         """
         asked = named_values("comply", dirs, values, FORCES)
+        self._require_torques("comply")
         before = self._compliance
         wrench = np.zeros(len(FORCES)) if before is None else before.wrench.copy()
         axes = set() if before is None else set(before.axes)
@@ -237,9 +238,16 @@ class MotionParameters:
             values: one for each.
 
         Raises:
-            MotionError: an unknown direction, or not one positive value for each.
+            MotionError: an unknown direction, or not one positive value for each; or a force, and nobody knows the
+                arm's torques.
         """
-        self._set_next(limit=force_limits(spec, values))
+        limits = force_limits(spec, values)
+        if np.isfinite(limits.force).any():
+            self._require_torques("limit")
+        self._set_next(limit=limits)
+
+    def _require_torques(self, call: str) -> None:
+        """Raise MotionError for a call that acts by the torques of an arm that tells none."""
 
     def _update_next(self, trsf: Trsf, position: Position) -> None:
         """Have the next motion update `trsf`. Raises MotionError: it is to do that already."""

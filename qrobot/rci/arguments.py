@@ -7,7 +7,7 @@ from math import isfinite, nan
 from typing import Final, SupportsFloat
 
 from qrobot.config import Robot
-from qrobot.config.collision import threshold_objection
+from qrobot.config.collision import NO_TORQUES, threshold_objection
 from qrobot.errors import MotionError
 from qrobot.units import M_PER_MM
 from qrobot.wire import Collision, CollisionReaction, Payload
@@ -59,6 +59,12 @@ def retract_m(call: str, mm: float) -> float:
     if not 0.0 <= mm <= MOST_BACK_MM:
         raise MotionError(f"{call}({mm:g}): 0 to {MOST_BACK_MM:g} mm are possible")
     return mm * M_PER_MM
+
+
+def require_torques(call: str, known: bool) -> None:
+    """Raise MotionError for a call that acts by torques, of an arm whose torques are not `known`."""
+    if not known:
+        raise MotionError(f"{call}: {NO_TORQUES}")
 
 
 def collision_of(call: str, robot: Robot, reaction: str, thresholds: Sequence[float] | None, *others: str) -> Collision:

@@ -124,6 +124,11 @@ class StateTable(Generic[VectorT]):
         return bool(self.flags & RobotFlag.PAUSED)
 
     @property
+    def torques_known(self) -> bool:
+        """`tau` is what drives the joints; drives that close the position loop keep that to themselves."""
+        return not self.flags & RobotFlag.NO_TORQUES
+
+    @property
     def motion_override(self) -> float:
         """The operator's override as generators take it: 0 to 1, 0 in a pause; one that cannot be counts as 1."""
         override = self.override if 0.0 <= self.override <= 1.0 else 1.0  # NaN, and what is beyond

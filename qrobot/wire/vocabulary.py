@@ -64,6 +64,7 @@ class RobotFlag(IntFlag):
     GUARDED = 8
     AT_REST = 16
     PAUSED = 64
+    NO_TORQUES = 128
     YOU_COMMAND = 0x100
     COMMANDED = 0x200
     PATH_WAITS = 0x400
@@ -77,6 +78,7 @@ FLAG_MEANING: Final[dict[RobotFlag, str]] = {
     RobotFlag.GUARDED: "the guardian's heartbeat goes on",
     RobotFlag.AT_REST: "the reference of every joint stands still",
     RobotFlag.PAUSED: "the operator wants motions to stand still on their path",
+    RobotFlag.NO_TORQUES: "the drives close the position loop, and nobody knows their torques: `tau` is 0",
     RobotFlag.YOU_COMMAND: "this connection commands",
     RobotFlag.COMMANDED: "somebody commands",
     RobotFlag.PATH_WAITS: "the commander's arm stands off its path, until somebody confirms that it may go back",

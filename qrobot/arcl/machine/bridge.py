@@ -294,7 +294,7 @@ class BridgeMachine:
             (how.t_ns - self._first_ns) / NS_PER_MS, np.array(how.q) - self._settings.zero, np.array(how.v),
             np.array(how.tau), how.inputs, how.outputs, how.hand, left_out if self.sample else 0,
             how.motion_override,
-            np.array(how.sensors),
+            np.array(how.sensors), how.torques_known,
         )  # fmt: skip
 
     def _write(self, kind: RecordKind, values: Floats) -> None:

@@ -37,6 +37,7 @@ class MachineSample:
         left_out: samples before this one that were never heard of.
         override: share of the programmed speed that the operator wants, 0 to 1; 0 in a pause.
         sensors: volts at the channels of the converter; NaN where not known. Shape (8,).
+        torques_known: false of drives that keep their torques to themselves; of such an arm no collision is told.
     """
 
     t_ms: float
@@ -49,6 +50,7 @@ class MachineSample:
     left_out: int = 0
     override: float = 1.0
     sensors: Floats = field(default_factory=partial(np.full, N_SENSORS, np.nan))
+    torques_known: bool = True
 
 
 SetpointCycle: TypeAlias = Callable[[MachineSample], Floats]

@@ -27,6 +27,7 @@ FLAG_ESTOP_OK: Final = int(RobotFlag.ESTOP_OK)
 FLAG_GUARDED: Final = int(RobotFlag.GUARDED)
 FLAG_AT_REST: Final = int(RobotFlag.AT_REST)
 FLAG_PAUSED: Final = int(RobotFlag.PAUSED)
+FLAG_NO_TORQUES: Final = int(RobotFlag.NO_TORQUES)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -15,6 +15,7 @@ from qrobot.servo.memory.published_state import (
     FLAG_CALIBRATED,
     FLAG_ESTOP_OK,
     FLAG_GUARDED,
+    FLAG_NO_TORQUES,
     FLAG_PAUSED,
     FLAG_POWERED,
     publish_state,
@@ -67,6 +68,8 @@ def compose_flags(params: ServoParameters, state: ServoState, mail: Any, now_ns:
         flags |= FLAG_GUARDED
     if state.paused != 0:
         flags |= FLAG_PAUSED
+    if params.position_drives != 0:
+        flags |= FLAG_NO_TORQUES
     at_rest = True
     for j in range(state.v_ref.size):
         at_rest = at_rest and state.v_ref[j] == 0.0
