@@ -202,7 +202,7 @@ class MoveRequest:
 def code_of(name: str, result: object) -> int:
     """The code that a monitor returned. Raises MotionError: it is not positive, so it could be one of our own."""
     try:
-        code = int(result)  # type: ignore[call-overload]
+        code: int = int(result)  # type: ignore[call-overload]
     except (TypeError, ValueError, OverflowError):
         code = 0
     if code <= 0 or code != result:
