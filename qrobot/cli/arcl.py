@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from cyclopts import App, Parameter
 
 from qrobot.cli.console import note
-from qrobot.cli.option_types import OutputFile, Range
+from qrobot.cli.option_types import OutputArrays, OutputFilm, Range
 from qrobot.errors import LogError
 from qrobot.printable import printable
 
@@ -47,7 +47,7 @@ def unstream(file: Path) -> None:
 
 
 @app.command
-def jtraj(file: Path, *, output: OutputFile | None = None, measured: bool = False) -> None:
+def jtraj(file: Path, *, output: OutputArrays | None = None, measured: bool = False) -> None:
     """Joint setpoints as a table: seconds and degrees (mm on a sliding joint).
 
     Parameters
@@ -69,7 +69,7 @@ def jtraj(file: Path, *, output: OutputFile | None = None, measured: bool = Fals
 def ctraj(
     file: Path,
     *,
-    output: OutputFile | None = None,
+    output: OutputArrays | None = None,
     orientation: Annotated[Orientation, Parameter(name="--as")] = "rpy",
 ) -> None:
     """Cartesian setpoints as a table: seconds, T6 in millimetres, and its orientation.
@@ -90,7 +90,7 @@ def ctraj(
 
 
 @app.command
-def torques(file: Path, *, robot: str | None = None, output: OutputFile | None = None) -> None:
+def torques(file: Path, *, robot: str | None = None, output: OutputArrays | None = None) -> None:
     """Joint torques of the rigid body that follows the setpoints: seconds and newton-metres (newtons).
 
     Gravity, inertia and rotors count, friction does not.
@@ -115,7 +115,7 @@ def torques(file: Path, *, robot: str | None = None, output: OutputFile | None =
 def animate(
     file: Path,
     *,
-    output: OutputFile | None = None,
+    output: OutputFilm | None = None,
     robot: str | None = None,
     speed: Annotated[float, Parameter(validator=Range(0.01, 1000.0))] = 1.0,
     frames: Annotated[int, Parameter(name="--fps", validator=Range(1, 60))] = 12,

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from qrobot.cli.arms import DEFAULT_DEPLOYMENT, choose_arm
 from qrobot.cli.console import complain, note, out
 from qrobot.cli.jog import single_keys
-from qrobot.cli.option_types import OutputFile, SmoothOption
+from qrobot.cli.option_types import OutputFile, OutputTable, SmoothOption
 from qrobot.errors import MotionError, QRobotError, error_text
 
 if TYPE_CHECKING:
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 def guide(
-    record: OutputFile | None = None,
+    record: OutputTable | None = None,
     *,
     places: OutputFile | None = None,
     smooth: SmoothOption | None = None,

@@ -12,7 +12,7 @@ from rich.table import Table
 from qrobot.cli.arms import DEFAULT_DEPLOYMENT, choose_arm, fences_of_arm, robot_of_arm
 from qrobot.cli.console import note, out, plain_table, print_table, write_json
 from qrobot.cli.identify_options import FitOptions, KnownTorque, PlanOptions, RobotFile
-from qrobot.cli.option_types import LoadKg, MoveNumber, OutputFile, OutputLog
+from qrobot.cli.option_types import LoadKg, MoveNumber, OutputLog, OutputModel, OutputPage
 from qrobot.config.collision import NO_TORQUES
 from qrobot.errors import ConfigError
 
@@ -144,7 +144,7 @@ def record(
 @app.command
 def fit(
     *logs: Path,
-    output: OutputFile,
+    output: OutputModel,
     options: FitOptions | None = None,
     json: bool = False,
 ) -> None:
@@ -179,7 +179,7 @@ def fit(
 @app.command
 def report(
     *logs: Path,
-    output: OutputFile,
+    output: OutputPage,
     previous: Path | None = None,
     options: FitOptions | None = None,
 ) -> None:
@@ -198,8 +198,6 @@ def report(
     from qrobot.config.identified import load_model
     from qrobot.ident.report import write_report
 
-    if output.suffix != ".html":
-        raise ConfigError(f"the report {output} must end in .html")
     found, model = IdentificationTask(logs, options or FitOptions()).identified()
     old = None if previous is None else load_model(previous, found.robot)
     for file in write_report(output, found, model, old):

@@ -15,9 +15,10 @@ from qrobot.cli.log_compare import compare
 from qrobot.cli.logs import first_parts, read_and_warn
 from qrobot.cli.option_types import (
     Megabytes,
-    OutputFile,
+    OutputFilm,
     OutputFolder,
     OutputLog,
+    OutputTable,
     Port,
     Range,
     Seconds,
@@ -203,7 +204,7 @@ def plot(
 def animate(
     file: Path,
     *,
-    output: OutputFile | None = None,
+    output: OutputFilm | None = None,
     begin: Seconds = 0.0,
     end: Seconds | None = None,
     speed: Annotated[float, Parameter(validator=Range(0.01, 1000.0))] = 1.0,
@@ -250,7 +251,7 @@ app.command(compare)
 
 
 @app.command
-def export(file: Path, target: OutputFile) -> None:
+def export(file: Path, target: OutputTable) -> None:
     """Turn a log into a table, one row per cycle.
 
     Examples:
@@ -268,10 +269,8 @@ def export(file: Path, target: OutputFile) -> None:
     from qrobot.log.export import export_csv, export_parquet
 
     writers = {".csv": export_csv, ".parquet": export_parquet}
-    if target.suffix not in writers:
-        raise ConfigError(f"cannot export to {target.name}: the suffix must be .csv or .parquet")
     log = read_and_warn(file)
-    writers[target.suffix](log, target)
+    writers[target.suffix.lower()](log, target)
     note(f"{log.rows.size} rows in {target}")
 
 

@@ -2,7 +2,7 @@
 
 Every number that a command takes has one of these types, and so has every path that it writes to: what cannot be done
 is refused while nothing has been started, moved or computed. Defaults are checked too, for the folder they are in may
-not be writable either.
+not be writable either. A file is written over only where its suffix says that it is of the kind that is written.
 """
 
 from __future__ import annotations
@@ -12,18 +12,20 @@ import os
 import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated, Any, Final
 
 from cyclopts import Parameter
 
 from qrobot.errors import ConfigError, LogError, error_text
+from qrobot.extras import missing_extra
 from qrobot.servo.calibration.state import FEWEST_INDEXES, MOST_INDEXES
 from qrobot.servo.settings import HIGHEST_RATE_HZ, LOWEST_RATE_HZ
 from qrobot.wire.vocabulary import LARGEST_OVERRIDE
 
 PROBE_BYTES: Final = 4096  # a full disk takes an empty file
-FIGURE_SUFFIXES: Final = (".png", ".pdf", ".svg")
+PARQUET: Final = ".parquet"
 SHOWN_DIGITS: Final = 40  # of a number that is none
 MOST_GAIN: Final = 1e12  # [A] above the stiffest joint by far; the servo knows what its arm bears
 MOST_SEED: Final = 2**32 - 1
@@ -81,11 +83,25 @@ def require_writable_log(path: Path) -> None:
     _tell(path, _try_file if path.suffix == ".mcap" else _try_folder)
 
 
-def require_writable_figure(path: Path) -> None:
-    """Raise ValueError when `path` cannot be written, or is no figure by its suffix."""
-    if path.suffix.lower() not in FIGURE_SUFFIXES:
-        raise ValueError(f"cannot write {path}: a figure ends in {', '.join(FIGURE_SUFFIXES)}")
-    require_writable_file(path)
+@dataclass(frozen=True)
+class FileOfKind:
+    """Refuses a file that cannot be written, or that is of another kind by its suffix: it may be somebody's work.
+
+    Attributes:
+        what: it is, with its article.
+        suffixes: in small letters.
+    """
+
+    what: str
+    suffixes: tuple[str, ...]
+
+    def __call__(self, path: Path) -> None:
+        """Raises ValueError with the suffixes that are wanted, or the extra that is missing."""
+        if (suffix := path.suffix.lower()) not in self.suffixes:
+            raise ValueError(f"cannot write {path}: {self.what} ends in {' or '.join(self.suffixes)}")
+        if suffix == PARQUET and find_spec("pyarrow") is None:
+            raise ValueError(missing_extra(ModuleNotFoundError(name="pyarrow")))
+        require_writable_file(path)
 
 
 def require_writable_film(path: Path) -> None:
@@ -131,10 +147,18 @@ def _each_path(require: Callable[[Path], None]) -> Callable[[Any, Path | None], 
 
 
 OutputFile = Annotated[Path, Parameter(validator=_each_path(require_writable_file))]
-OutputFigure = Annotated[Path, Parameter(validator=_each_path(require_writable_figure))]
 OutputFilm = Annotated[Path, Parameter(validator=_each_path(require_writable_film))]
 OutputFolder = Annotated[Path, Parameter(validator=_each_path(require_writable_folder))]
 OutputLog = Annotated[Path, Parameter(validator=_each_path(require_writable_log))]
+OutputFigure = Annotated[Path, Parameter(validator=_each_path(FileOfKind("a figure", (".png", ".pdf", ".svg"))))]
+OutputTable = Annotated[Path, Parameter(validator=_each_path(FileOfKind("a table", (".csv", PARQUET))))]
+OutputArrays = Annotated[
+    Path, Parameter(validator=_each_path(FileOfKind("a table", (".csv", PARQUET, ".npy", ".npz", ".mat"))))
+]
+OutputModel = Annotated[Path, Parameter(validator=_each_path(FileOfKind("a model", (".toml",))))]
+OutputRobot = Annotated[Path, Parameter(validator=_each_path(FileOfKind("a robot file", (".toml",))))]
+OutputPage = Annotated[Path, Parameter(validator=_each_path(FileOfKind("a page", (".html",))))]
+OutputResults = Annotated[Path, Parameter(validator=_each_path(FileOfKind("a results file", (".jsonl",))))]
 
 Seconds = Annotated[float, Parameter(validator=Range(0.0, unit="s"))]
 RateHz = Annotated[float, Parameter(validator=Range(LOWEST_RATE_HZ, HIGHEST_RATE_HZ, "Hz"))]

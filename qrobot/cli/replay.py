@@ -15,7 +15,7 @@ from qrobot.cli.arms import (
     servo_settings,
 )
 from qrobot.cli.console import note, out, write_json
-from qrobot.cli.option_types import OutputFile, SmoothOption
+from qrobot.cli.option_types import OutputTable, SmoothOption
 from qrobot.units import DEG_PER_RAD, M_PER_MM, MM_PER_M, US_PER_MS
 
 if TYPE_CHECKING:
@@ -36,7 +36,7 @@ def replay(
     approach: bool = False,
     then: list[Path] | None = None,
     smooth: SmoothOption | None = None,
-    save_as: OutputFile | None = None,
+    save_as: OutputTable | None = None,
     json: bool = False,
 ) -> None:
     """Send the setpoints of a file to an arm, one each sample period.

@@ -8,10 +8,9 @@ from typing import Annotated, Any, Final, Literal
 from cyclopts import App, Parameter
 
 from qrobot.cli.console import note, out, plain_table, print_table, write_json
-from qrobot.cli.option_types import OutputFile
+from qrobot.cli.option_types import OutputFile, OutputRobot
 from qrobot.config import Robot, load_robot
 from qrobot.config.document import packaged_names
-from qrobot.errors import ConfigError
 from qrobot.units import DEG_PER_RAD
 from qrobot.whole_file import replace_file
 
@@ -137,7 +136,7 @@ def _text(robot: Robot, to: Format) -> str:
 def import_(
     file: Path,
     *,
-    output: Annotated[OutputFile, Parameter(name=("--output", "-o"))],
+    output: Annotated[OutputRobot, Parameter(name=("--output", "-o"))],
     tip: str | None = None,
     like: str | None = None,
     beside: Annotated[Path | None, Parameter(name="--with")] = None,
@@ -167,8 +166,6 @@ def import_(
     from qrobot.exchange.robot_document import write_robot
     from qrobot.exchange.urdf_import import import_urdf
 
-    if output.suffix.lower() != ".toml":
-        raise ConfigError(f"{output}: a robot file ends in .toml")
     imported = import_urdf(file, tip, like, beside)
     write_robot(output, imported.document)
     result: dict[str, Any] = {"robot": imported.robot.name, "joints": imported.robot.n, "notes": list(imported.notes)}

@@ -13,7 +13,7 @@ from cyclopts import App, Parameter
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from qrobot.cli.console import err, note, out, print_table, write_json
-from qrobot.cli.option_types import ArmCount, Factors, OutputFigure, OutputFile, PosesOption, Range, RateHz, Workers
+from qrobot.cli.option_types import ArmCount, Factors, OutputFigure, OutputResults, PosesOption, Range, RateHz, Workers
 from qrobot.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -47,7 +47,7 @@ app = App(name="study", help=HELP, help_format="plaintext", group_commands="Comm
 class Campaign:
     """Options that all studies have."""
 
-    output: Annotated[OutputFile, Parameter(help="Results file: gone on with when it exists (.jsonl).")]
+    output: Annotated[OutputResults, Parameter(help="Results file: gone on with when it exists (.jsonl).")]
     robot: Annotated[
         str, Parameter(help="Robot whose kind the arms are: a packaged one, or a file that every host has.")
     ] = "puma560"

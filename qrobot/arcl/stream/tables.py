@@ -86,13 +86,13 @@ def table_text(table: TrajectoryTable) -> str:
 
 def write_table(table: TrajectoryTable, path: Path) -> None:
     """Write a table in the form that the file's ending names. Raises ConfigError: no such form, or it cannot."""
-    if path.suffix not in _FORMS:
+    if (suffix := path.suffix.lower()) not in _FORMS:
         raise ConfigError(f"{path}: a table is written as {', '.join(_FORMS)}")
-    if path.suffix == ".parquet":
+    if suffix == ".parquet":
         _pyarrow()  # before what is there is overwritten
     try:
         with written_whole(path) as place, place.open("wb") as file:
-            _FORMS[path.suffix](table, file)
+            _FORMS[suffix](table, file)
     except OSError as error:
         raise ConfigError(f"cannot write {path}: {error.strerror}") from error
 

@@ -149,15 +149,15 @@ def test_a_film_of_a_stream_shows_the_arm_where_its_setpoints_are(
 
 
 @pytest.mark.parametrize(
-    ("words", "told"),
-    [(("--output", "x.avi"), "a film ends in"), (("--robot", "stanford"), "not of 'stanford'"),
-     (("--speed", "0.01", "--fps", "60"), None)],
+    ("words", "status", "told"),
+    [(("--output", "x.avi"), 2, "a film ends in"), (("--robot", "stanford"), 1, "not of 'stanford'"),
+     (("--speed", "0.01", "--fps", "60"), 1, None)],
 )  # fmt: skip
 def test_what_cannot_be_filmed_is_told(
-    stream: Path, capsys: pytest.CaptureFixture[str], words: tuple[str, ...], told: str | None
+    stream: Path, capsys: pytest.CaptureFixture[str], words: tuple[str, ...], status: int, told: str | None
 ) -> None:
     if told is None:
         stream.write_bytes(stream.read_bytes()[:100])  # its first record alone
         told = "nothing can be shown"
-    assert say("arcl", "animate", stream, *words) == 1
+    assert say("arcl", "animate", stream, *words) == status
     assert told in capsys.readouterr().err

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+import sys
 import types
 import typing
 from collections.abc import Iterator
@@ -79,8 +80,6 @@ REQUIRED: Final = {
     "--state": "on",
     "--name": "pd",
     "--program": "p.py",
-    "--output": "out.mcap",
-    "--target": "out.csv",
 }
 
 
@@ -104,15 +103,30 @@ class Option:
     def ranges(self) -> list[Range]:
         return [each for each in as_tuple(self.argument.parameter.validator) if isinstance(each, Range)]
 
+    @property
+    def suffixes(self) -> list[str]:
+        """Which a file must have, as help tells them."""
+        return suffixes_of(self.argument)
+
     def tokens(self, value: str) -> list[str]:
         """The command with `value` for this option, and something for those that it needs besides."""
         needed = [each for each in self.others if each.required and each.name != self.name]
-        words = [f"{each.name}={REQUIRED.get(each.name, 'missing')}" for each in needed]
+        words = [f"{each.name}={needed_value(each)}" for each in needed]
         own = [f"{self.name}={value}"] if self.name.startswith("--") else ["--", value]
         return [*self.command, *words, *own]
 
     def __str__(self) -> str:
         return " ".join((*self.command, self.name))
+
+
+def suffixes_of(argument: Argument) -> list[str]:
+    return re.findall(r"(?<!\w)\.[a-z]\w+", argument.parameter.help or "")
+
+
+def needed_value(argument: Argument) -> str:
+    if argument.name in REQUIRED:
+        return REQUIRED[argument.name]
+    return f"out{suffixes_of(argument)[0]}" if argument.name in ("--output", "--target") else "missing"
 
 
 def as_tuple(value: Any) -> tuple[Any, ...]:
@@ -133,7 +147,7 @@ def all_options(app: App = APP, path: tuple[str, ...] = ()) -> Iterator[Option]:
     for name in (name for name in app if not name.startswith("-")):
         yield from all_options(app[name], (*path, name))
     if path and app.default_command is not None:
-        arguments = [each for each in app.assemble_argument_collection() if each.name != "*"]
+        arguments = [each for each in app.assemble_argument_collection(parse_docstring=True) if each.name != "*"]
         for argument in arguments:
             yield Option(path, argument, tuple(arguments))
 
@@ -146,6 +160,7 @@ OPTIONS: Final = tuple(all_options())
 NUMERIC: Final = tuple(option for option in OPTIONS if {int, float} & option.kinds)
 PATHS: Final = tuple(option for option in OPTIONS if Path in option.kinds)
 WRITTEN: Final = tuple(option for option in PATHS if not is_read(option))
+OF_A_KIND: Final = tuple(option for option in WRITTEN if option.suffixes)
 READ_PATHS: Final = tuple(option for option in PATHS if is_read(option))
 WORDED: Final = tuple(
     option for option in OPTIONS if str in option.kinds and (*option.command, option.name) not in FREE
@@ -177,7 +192,7 @@ def refused(capsys: pytest.CaptureFixture[str], tokens: list[str], *statuses: in
 
 def test_there_are_options_of_every_kind() -> None:
     assert len(OPTIONS) > 100
-    assert min(len(NUMERIC), len(WRITTEN), len(READ_PATHS), len(WORDED)) > 10
+    assert min(len(NUMERIC), len(WRITTEN), len(OF_A_KIND), len(READ_PATHS), len(WORDED)) > 10
 
 
 @pytest.mark.parametrize("option", NUMERIC, ids=str)
@@ -204,9 +219,28 @@ def test_every_path_that_is_written_is_checked(option: Option) -> None:
 @pytest.mark.parametrize("option", WRITTEN, ids=str)
 def test_what_cannot_be_written_is_refused(capsys: pytest.CaptureFixture[str], tmp_path: Path, option: Option) -> None:
     (tmp_path / "file").touch()
-    suffix = ".png" if option.name == "--plot" else ".mcap"
+    suffix = next(iter(option.suffixes), ".mcap")
     for place in (tmp_path / "file" / f"x{suffix}", Path(f"/proc/nowhere/x{suffix}"), tmp_path / ("n" * 300 + suffix)):
         assert f"cannot write {place}: " in refused(capsys, option.tokens(str(place)), 2)
+
+
+@pytest.mark.parametrize("option", OF_A_KIND, ids=str)
+def test_a_file_of_another_kind_is_not_written_over(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, option: Option
+) -> None:
+    for name in ("parts.db", "run.mcap", "cell.toml", "README", "lesson.csv"):
+        (tmp_path / name).write_text("somebody's work")
+        if Path(name).suffix not in option.suffixes:
+            assert f"cannot write {tmp_path / name}: " in refused(capsys, option.tokens(str(tmp_path / name)), 2)
+            assert (tmp_path / name).read_text() == "somebody's work"
+
+
+@pytest.mark.parametrize("option", [each for each in OF_A_KIND if ".parquet" in each.suffixes], ids=str)
+def test_a_table_for_which_a_library_is_missing_is_refused(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, option: Option
+) -> None:
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
+    assert "pip install 'qrobot[logs]'" in refused(capsys, option.tokens(str(tmp_path / "t.parquet")), 2)
 
 
 @pytest.mark.parametrize(

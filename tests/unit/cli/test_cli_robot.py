@@ -91,7 +91,7 @@ def test_what_a_urdf_does_not_tell_is_asked_for_by_name_and_a_link_without_weigh
         (["export", "puma560", "-o", "/dev/full/arm.urdf"], USAGE, "/dev/full"),
         (["import", "{folder}/none.urdf", "-o", "{folder}/arm.toml"], FAILURE, "none.urdf"),
         (["import", "{folder}/fork.urdf", "--like", "puma560", "-o", "{folder}/arm.toml"], FAILURE, "--tip"),
-        (["import", "{folder}/fork.urdf", "-o", "{folder}/arm.json"], FAILURE, "ends in .toml"),
+        (["import", "{folder}/fork.urdf", "-o", "{folder}/arm.json"], USAGE, "ends in .toml"),
         (["import", "{folder}/fork.urdf", "--tip", "d", "-o", "{folder}/arm.toml"], FAILURE, "'d'"),
         (["import", "{folder}/fork.urdf"], USAGE, "--output"),
         (["show", "{folder}/fork.urdf"], FAILURE, "fork.urdf"),

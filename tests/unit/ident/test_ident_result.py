@@ -267,7 +267,6 @@ def test_a_plan_as_json_says_what_can_be_told(capsys: pytest.CaptureFixture[str]
     ("options", "complaint"),
     [
         (["fit", "x.mcap", "--output", "m.toml", "--load-kg", "2"], "needs a mass above zero, and --loaded"),
-        (["report", "x.mcap", "--output", "m.pdf"], "must end in .html"),
         (["record", "--output", "x.mcap", "--go", "--load-kg", "2"], "--load-kg is for an emulated arm"),
         (["friction"], "name at least one log"),
         (
