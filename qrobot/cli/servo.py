@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import subprocess
-import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Final
@@ -24,6 +23,7 @@ from qrobot.cli.arms import (
 from qrobot.cli.console import SUCCESS, note
 from qrobot.cli.option_types import RateHz
 from qrobot.config.deployment import DeployedArm, Interpolation, Velocity
+from qrobot.realtime.own_process import own_command
 from qrobot.report import QueuedReport, Report
 
 if TYPE_CHECKING:
@@ -84,7 +84,7 @@ def servo(
 
     def started() -> None:
         if guardian:
-            command = [sys.executable, "-m", "qrobot", "guardian", deployment, "--arm", chosen.name]
+            command = own_command("qrobot", "guardian", deployment, "--arm", chosen.name)
             subprocess.Popen(command, stdin=subprocess.DEVNULL, start_new_session=True)
         choices = f"law {settings.law}, velocity by {settings.velocity}, {settings.interpolation} interpolation"
         choices += f", model {identified}" if identified else ""

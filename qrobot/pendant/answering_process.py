@@ -5,13 +5,13 @@ from __future__ import annotations
 import json
 import select
 import subprocess
-import sys
 import threading
 import time
 from typing import Any, Final
 
 from qrobot.errors import LogError
 from qrobot.pendant.answering import ANSWER_HEAD, ProcessAnswer
+from qrobot.realtime.own_process import own_command
 
 PATIENCE_S: Final = 30.0
 
@@ -81,7 +81,7 @@ class AnsweringProcess:
 
     def _running(self) -> subprocess.Popen[bytes]:
         if self._process is None or self._process.poll() is not None:
-            command = [sys.executable, "-m", self._module]
+            command = own_command(self._module)
             self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, bufsize=0)
         return self._process
 

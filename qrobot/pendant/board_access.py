@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import subprocess
-import sys
 import threading
 from collections.abc import Callable, Sequence
 from contextlib import suppress
@@ -13,6 +12,7 @@ from typing import Any, Final
 from qrobot.config.deployment import DeployedArm
 from qrobot.errors import MotionError
 from qrobot.pendant.command_run import CommandRun
+from qrobot.realtime.own_process import own_command
 
 UNASKED_S: Final = 5.0  # then no page looks any longer, and the process ends
 AGAIN_S: Final = 2.0  # between two tries to look at a board that is not there
@@ -97,7 +97,7 @@ class BoardAccess:
 
     def _begin(self) -> None:
         self._began_s = self._asked_s
-        command = [sys.executable, "-m", "qrobot", "board", "show", "--follow", *self._place]
+        command = own_command("qrobot", "board", "show", "--follow", *self._place)
         process = subprocess.Popen(
             command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, start_new_session=True
         )

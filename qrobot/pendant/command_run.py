@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Final, Literal
 
 from qrobot.pendant.output_tail import OutputTail
+from qrobot.realtime.own_process import own_command
 
 LAUNCH: Final = Path(__file__).with_name("launch.py")
 INTERRUPTED_S: Final = 10.0  # for a program to bring its arm to rest and to write its trace; then it is killed
@@ -51,7 +52,7 @@ class CommandRun:
         niceness: int = 0,
         lines: Sequence[str] = (),
         variables: Mapping[str, str] = {},
-        program: Sequence[str] = (sys.executable, "-m", "qrobot"),
+        program: Sequence[str] = tuple(own_command("qrobot")),
     ) -> None:
         self.output = OutputTail()
         self.state: CommandState = "running"

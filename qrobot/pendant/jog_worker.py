@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import os
 import subprocess
-import sys
 import threading
 from collections.abc import Callable
 from contextlib import suppress
@@ -13,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from qrobot.config.deployment import BoardChoice, DeployedArm, ServoChoice
+from qrobot.realtime.own_process import own_command
 
 
 def told_arm(arm: DeployedArm) -> str:
@@ -46,7 +46,7 @@ class JogWorker:
         """Start the process, unless it runs."""
         if self._process is not None and self._process.poll() is None:
             return
-        command = [sys.executable, "-m", "qrobot.pendant.jog_process", told_arm(self._arm), str(self._taught)]
+        command = own_command("qrobot.pendant.jog_process", told_arm(self._arm), str(self._taught))
         process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
         assert process.stdin is not None
         os.set_blocking(process.stdin.fileno(), False)  # one that hangs must not keep the pendant waiting

@@ -22,6 +22,7 @@ from qrobot.motion.path.path_piece import evaluate
 from qrobot.rccl.connect import compile_joint_motion, compile_motion
 from qrobot.realtime.compile_once import is_compiled_elsewhere
 from qrobot.realtime.jit import jit_disabled
+from qrobot.realtime.own_process import own_command
 from qrobot.realtime.whole_program import announce
 from qrobot.rig.lockstep import LockstepRig, run_blocks
 from qrobot.servo.cycle import update_reference
@@ -61,7 +62,7 @@ def compiled_beside(robot: str) -> Iterator[Callable[[LockstepRig], None]]:
         yield LockstepRig.compile
         return
     quiet = {"stdin": subprocess.DEVNULL, "stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
-    command = [sys.executable, "-m", "qrobot.rig.compile_ahead", robot]
+    command = own_command("qrobot.rig.compile_ahead", robot)
     with subprocess.Popen(command, **quiet) as process:  # type: ignore[call-overload]
         try:
             yield compile_loop

@@ -13,7 +13,6 @@ import os
 import signal
 import socket
 import subprocess
-import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
@@ -24,6 +23,7 @@ from typing import IO
 from qrobot.errors import LinkBusy, LinkError, LinkTimeout, QRobotError
 from qrobot.hwif.board_memory import attach_board_memory
 from qrobot.realtime.file_lock import lock_alone
+from qrobot.realtime.own_process import own_command
 from qrobot.realtime.shared_memory import SharedMemory, discard_dead
 from qrobot.realtime.startup_order import TURN_VARIABLE
 from qrobot.realtime.supervised import Supervision
@@ -193,7 +193,7 @@ class ProcessRig:
         file = self._outputs[plan.name]
         with os.fdopen(awaited):
             process = subprocess.Popen(
-                [sys.executable, "-m", "qrobot", *plan.arguments],
+                own_command("qrobot", *plan.arguments),
                 stdin=subprocess.DEVNULL,
                 stdout=file,
                 stderr=subprocess.STDOUT,

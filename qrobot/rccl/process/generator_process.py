@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import socket
 import subprocess
-import sys
 import threading
 from collections.abc import Callable, Mapping
 from contextlib import suppress
@@ -17,6 +16,7 @@ from qrobot.rccl.process.carried import ProgramEnd
 from qrobot.rccl.process.reports import GeneratorReport, OrderAnswer
 from qrobot.rccl.process.shared_values import PROGRAM, ValueCells, warm_up
 from qrobot.rci.client import Beside
+from qrobot.realtime.own_process import own_command
 from qrobot.realtime.shared_memory import SharedMemory
 
 END_S: Final = 10.0  # [A] for an arm to come to rest
@@ -53,7 +53,7 @@ class GeneratorProcess:
         self.refusals: Mapping[type[Beside], str] = {}
         ours, theirs = socket.socketpair()
         with theirs:
-            command = [sys.executable, "-m", "qrobot.rccl.process", str(theirs.fileno()), str(values.fd)]
+            command = own_command("qrobot.rccl.process", str(theirs.fileno()), str(values.fd))
             self._process = subprocess.Popen(command, pass_fds=(theirs.fileno(), values.fd))
         values.close()
         self._connection = Connection(ours.detach())
