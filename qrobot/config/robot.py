@@ -168,6 +168,10 @@ class Transmission(Section):
             return self.vendor_rad_per_count
         return frozen(self.count_sign * 2.0 * np.pi / (self.counts_per_rev * self.gear))
 
+    def count_rates(self, v: Floats) -> Floats:
+        """Greatest speed of each counter, counts/s, for joints at speeds up to `v`, whichever way each. Shape (n,)."""
+        return frozen(np.abs(self.coupling) @ v / np.abs(self.rad_per_count))
+
     def counts_between(self, low: Floats, high: Floats) -> tuple[Floats, Floats]:
         """Least and greatest counter of each motor, offset included, for joints from `low` to `high`. Shapes (n,)."""
         with np.errstate(all="ignore"):  # a file's numbers may be absurd

@@ -111,8 +111,7 @@ def _still(counts: NDArray[np.int64], wanted: Floats, under_way: Bools) -> Bools
 
 def _slipped(robot: Robot, rows: Rows, period_s: float) -> Iterator[str]:
     """Counters that go farther than a motor can, from an image to the next one."""
-    transmission = robot.transmission
-    fastest = np.abs(transmission.coupling) @ robot.limits.v_max / np.abs(transmission.rad_per_count)
+    fastest = robot.transmission.count_rates(robot.limits.v_max)
     seen = np.flatnonzero(sampled(rows))
     steps, cycles = np.diff(rows["counts"][seen], axis=0), np.diff(seen)
     follows = (np.diff(rows["tick"][seen]) == cycles) & _under_way(rows)[seen[1:]]

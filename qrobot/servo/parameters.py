@@ -46,7 +46,7 @@ CREEP_TORQUE: Final = 0.6  # of the guard's limit: weight and friction take 40 %
 SETTLE_NS: Final = 100_000_000  # no counter moves for so long before they are loaded
 SETTLE_PATIENCE_NS: Final = 5 * NS_PER_S
 LOAD_PATIENCE_NS: Final = 50_000_000
-JUMP_FACTOR: Final = 2.0  # counts in one tick beyond so many times what the fastest joint makes are a glitch
+JUMP_FACTOR: Final = 2.0  # counts in one tick beyond so many times what the fastest joints make are a glitch
 JUMP_FLOOR_COUNTS: Final = 20.0
 NO_TORQUE: Final = -1.0
 SAMPLING_SLACK: Final = 1.1  # differences of sampled setpoints overshoot the true derivative a little
@@ -127,7 +127,7 @@ def servo_parameters(robot: Robot, settings: ServoSettings, guarded: bool | None
     form = find_form(settings.interpolation)
     gains = np.zeros((N_GAINS, robot.n))
     gains[KP], gains[KV], gains[M0] = control.kp, control.kv, control.inertia
-    counts_per_tick = limits.v_max / np.abs(robot.transmission.rad_per_count) * settings.period_ns / NS_PER_S
+    counts_per_tick = robot.transmission.count_rates(limits.v_max) * settings.period_ns / NS_PER_S
     turn = 2.0 * math.pi / robot.transmission.gear
     creep = np.minimum(CREEP_TURNS_S * turn, CREEP_SHARE * limits.v_max)
     needs_guardian = settings.guarded if guarded is None else guarded

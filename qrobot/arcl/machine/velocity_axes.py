@@ -34,7 +34,7 @@ class VelocityAxes:
 
     def __init__(self, robot: Robot, q: Floats) -> None:
         self._params = transmission_params(robot)
-        self.full_speed: Floats = HEADROOM * np.abs(self._params.count_per_joint) @ robot.limits.v_max
+        self.full_speed: Floats = HEADROOM * robot.transmission.count_rates(robot.limits.v_max)
         self.blocked: Bools = np.zeros(robot.n, dtype=bool)
         self._place = self.counts_at(q)
         self._speed = np.zeros(robot.n)
