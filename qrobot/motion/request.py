@@ -168,6 +168,7 @@ class MoveRequest:
             with that code (A-37).
         limits: forces and displacements that end it.
         turn: how orientations are interpolated in Cartesian mode.
+        stay_s: at HERE: how long the arm stands at least, once it has come to rest; path time, as all of a motion.
     """
 
     name: str
@@ -179,6 +180,7 @@ class MoveRequest:
     monitor: Callable[[], object] | None = None
     limits: ForceLimits | None = None
     turn: OrientationInterpolation = OrientationInterpolation.ONE_AXIS
+    stay_s: float = 0.0
 
     def __post_init__(self) -> None:
         if isinstance(self.target, np.ndarray):
@@ -187,6 +189,8 @@ class MoveRequest:
             object.__setattr__(self, "target", target)
         if self.transition_s is not None and not 0.0 <= self.transition_s < float("inf"):
             raise MotionError(f"{self.name}: the transition time must not be negative, nor {self.transition_s}")
+        if not 0.0 <= self.stay_s < float("inf"):
+            raise MotionError(f"{self.name}: an arm stands for no less than no time, not for {self.stay_s} s")
 
     def ask_monitor(self) -> int:
         """The code with which the monitor ends the motion at this sample, 0 for going on.

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 
-from qrobot.motion import Generator
+from qrobot.motion import HERE, Generator, MoveRequest
 from qrobot.multi_rccl.moving_transform import MovingTransform
 from qrobot.rccl import Event, Position
-from qrobot.rccl.parameters import MotionParameters
+from qrobot.rccl.parameters import DEFAULT_SPEED, MotionParameters, MoveOrder
+from qrobot.rccl.position import there
+from qrobot.rccl.task_group import TaskGroup
+from qrobot.units import S_PER_MS
 
 
 class Manip(ABC):
@@ -22,6 +25,7 @@ class Manip(ABC):
     name: str
     trans: MovingTransform
     completed: Event
+    _group: TaskGroup
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}({self.name!r})"
@@ -57,9 +61,19 @@ class Manip(ABC):
     def move(self, position: Position) -> None:
         """Queue a motion. Raises what `Channel.move` raises."""
 
-    @abstractmethod
     def stop_at(self, position: Position | None, ms: float) -> None:
         """Queue a stop. Raises what `stop` raises."""
+        with self._group.sampled:
+            if position is not None:
+                self.move(position)
+            self.stand(ms)
+
+    @abstractmethod
+    def stand(self, ms: float) -> None:
+        """Queue an absolute stop, after which it stands for at least `ms`. What was said for one motion is for others.
+
+        Raises LinkError before `control`; MotionError: too many motions wait.
+        """
 
     @abstractmethod
     def cancel(self, ms: float) -> None:
@@ -72,6 +86,12 @@ class Manip(ABC):
     @abstractmethod
     def track(self) -> None:
         """Stay with the goal of the next motion when it is reached."""
+
+
+def absolute_stop(ms: float = 0.0) -> MoveOrder:
+    """An absolute stop, after which it stands for at least `ms`."""
+    position = there()
+    return MoveOrder(MoveRequest(position.name, HERE, DEFAULT_SPEED, stay_s=ms * S_PER_MS), position)
 
 
 def follows(generator: Generator) -> bool:

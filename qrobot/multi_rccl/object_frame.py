@@ -16,17 +16,16 @@ import numpy as np
 from qrobot.arrays import Floats
 from qrobot.errors import LinkError, MotionError
 from qrobot.model.branch import Branch
-from qrobot.motion import Equation, EventKind, Generator, Goal, MotionEvent, MotionMode, MoveRequest, Termination
-from qrobot.motion.request import HERE
+from qrobot.motion import Equation, EventKind, Generator, Goal, MotionEvent, MotionMode, Termination
 from qrobot.motion.world.frame_kinematics import FrameKinematics, frame_limits
-from qrobot.multi_rccl.manip import Manip, follows
+from qrobot.multi_rccl.manip import Manip, absolute_stop, follows
 from qrobot.multi_rccl.moving_transform import MovingTransform
 from qrobot.multi_rccl.positions import goal_for
 from qrobot.rccl.arguments import sample_period_us
 from qrobot.rccl.event import Level
 from qrobot.rccl.open_motions import OpenMotions
-from qrobot.rccl.parameters import DEFAULT_SPEED, MotionParameters, MoveOrder
-from qrobot.rccl.position import Position, there
+from qrobot.rccl.parameters import MotionParameters, MoveOrder
+from qrobot.rccl.position import Position
 from qrobot.rccl.task_group import TaskGroup
 from qrobot.rccl.trace import reason_of
 from qrobot.units import S_PER_MS
@@ -149,18 +148,10 @@ class ObjectFrame(Manip):
             self._push(order)
             self._last, self._tracks, self._track_next = position, self._track_next, False
 
-    def stop_at(self, position: Position | None, ms: float) -> None:
-        """See `Manip.stop_at`."""
+    def stand(self, ms: float) -> None:
+        """See `Manip.stand`."""
         with self._group.sampled:
-            goal = position or self._last
-            if position is not None:
-                self.move(position)
-            if ms > 0.0 and goal is not None:
-                dwell = Position(goal.name, goal.target)
-                self._parameters.setime(0.0, ms)
-                with self._parameters.order(dwell) as order:
-                    self._push(order)
-            self._stand()
+            self._push(absolute_stop(ms))
 
     def cancel(self, ms: float) -> None:
         """See `Manip.cancel`."""
@@ -197,11 +188,6 @@ class ObjectFrame(Manip):
         self.generator.push(order.request)
         self._motions.add(order)
         self.completed.count = 0
-
-    def _stand(self) -> None:
-        """Come to an absolute rest after all that was asked for."""
-        position = there()
-        self._push(MoveOrder(MoveRequest(position.name, HERE, DEFAULT_SPEED), position))
 
     def _settle(self) -> None:
         """Be where `maintain` has put the frame, if that is still to come, before it moves on from there."""
@@ -274,7 +260,7 @@ class ObjectFrame(Manip):
                 self._hear(event)
         self._motions.update_progress(output)
         if not self._tracks and follows(self.generator):
-            self._stand()
+            self._push(absolute_stop())
 
     def _hear(self, event: MotionEvent) -> None:
         if event.kind is EventKind.IDLE:

@@ -12,16 +12,13 @@ from qrobot.arrays import Floats
 from qrobot.errors import LinkError, MotionError
 from qrobot.model.arm import Arm
 from qrobot.model.transform import inverse, so3_log
-from qrobot.motion import Equation, MoveRequest
-from qrobot.motion.request import HERE
-from qrobot.multi_rccl.manip import Manip, follows
+from qrobot.motion import Equation
+from qrobot.multi_rccl.manip import Manip, absolute_stop, follows
 from qrobot.multi_rccl.moving_transform import MovingTransform
 from qrobot.multi_rccl.positions import goal_for
 from qrobot.rccl import Channel, Position
 from qrobot.rccl.connect import open_channel
 from qrobot.rccl.event import Event
-from qrobot.rccl.parameters import DEFAULT_SPEED, MoveOrder
-from qrobot.rccl.position import there
 from qrobot.rccl.program import traces_wanted
 from qrobot.rccl.task import TrajectoryTask
 from qrobot.rccl.task_group import TaskGroup
@@ -59,7 +56,6 @@ class RobotManip(Manip):
         self._task: TrajectoryTask | None = None
         self._arm: Arm | None = None
         self._j6 = np.zeros(0)
-        self._last: Position | None = None
         self._tracks = self._track_next = False
 
     # ------------------------------------------------------------------------------------------- from the program
@@ -96,6 +92,13 @@ class RobotManip(Manip):
         return self._channel
 
     @property
+    def task(self) -> TrajectoryTask:
+        """Its trajectory task, also after `release`. Raises LinkError before `control`."""
+        if self._task is None:
+            raise LinkError(f"{self.name} is not under control; call rccl_control first")
+        return self._task
+
+    @property
     def parameters(self) -> Channel:
         """See `Manip.parameters`."""
         return self.channel
@@ -106,9 +109,7 @@ class RobotManip(Manip):
 
         Raises LinkError before `control`.
         """
-        if self._task is None:
-            raise LinkError(f"{self.name} is not under control; call rccl_control first")
-        units = np.where(self._task.robot.prismatic, MM_PER_M, DEG_PER_RAD)
+        units = np.where(self.task.robot.prismatic, MM_PER_M, DEG_PER_RAD)
         return np.asarray(self._j6 * units)
 
     @property
@@ -117,9 +118,7 @@ class RobotManip(Manip):
 
         Where their bridges share no clock they are less than a sample period apart. Raises LinkError before `control`.
         """
-        if self._task is None:
-            raise LinkError(f"{self.name} is not under control; call rccl_control first")
-        return self._task.tick
+        return self.task.tick
 
     @property
     def eventful(self) -> bool:
@@ -148,18 +147,13 @@ class RobotManip(Manip):
     def _go(self, position: Position, tracks: bool) -> None:
         with self._group.sampled:
             self.channel.move(position)
-            self._last, self._tracks, self._track_next = position, tracks, False
+            self._tracks, self._track_next = tracks, False
 
-    def stop_at(self, position: Position | None, ms: float) -> None:
-        """See `Manip.stop_at`."""
+    def stand(self, ms: float) -> None:
+        """See `Manip.stand`."""
         with self._group.sampled:
-            goal = position or self._last
-            if position is not None:
-                self.move(position)
-            if ms > 0.0 and goal is not None:
-                self.channel.setime(0.0, ms)
-                self.channel.move(Position(goal.name, goal.target))
-            self.channel.move(there())
+            self.channel.check()
+            self.task.push(absolute_stop(ms))
 
     def cancel(self, ms: float) -> None:
         """See `Manip.cancel`."""
@@ -202,5 +196,4 @@ class RobotManip(Manip):
         self._j6 = np.array(q)
         self.trans.record(task.tick, arm.forward(q))
         if not self._tracks and follows(task.generator):
-            position = there()
-            task.push(MoveOrder(MoveRequest(position.name, HERE, DEFAULT_SPEED), position))
+            task.push(absolute_stop())

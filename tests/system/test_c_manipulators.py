@@ -236,7 +236,9 @@ main()
     move(left, q);
     waitas(q->code)
     check("ended by nextmove", q->code == 7);
+    stop(left, NULL, 300.);
     waitfor(left->completed)
+    check("stays where it was ended", hypot(left->trans.p.x - 400, left->trans.p.y - 100) > 50);
     move(left, mine); move(left, there);
     rccl_cancel(left, 0.);
     waitfor(left->completed)

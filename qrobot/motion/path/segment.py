@@ -71,7 +71,12 @@ class Segment:
         Not with a frame that moves: the frame may be a function of `scal`, which comes to rest as the motion does.
         """
         still = bool(np.abs(self.target - self.via).max() <= _NOWHERE)
-        return still and self.coordinates.fixed and self.request.transition_s is not None
+        return still and self.coordinates.fixed and (self.stays or self.request.transition_s is not None)
+
+    @property
+    def stays(self) -> bool:
+        """True for the stay behind an absolute stop, which is at rest to its end whatever follows."""
+        return self.request.stay_s > 0.0
 
     @property
     def rest_begin(self) -> float:

@@ -17,12 +17,12 @@ from qrobot.motion.path.path_piece import BlendSettings, PathPiece, piece_from_s
 from qrobot.motion.path.segment import Schedule, Segment
 from qrobot.motion.path.setpoint_history import History, motion_of
 from qrobot.motion.planning.fence_check import WHAT, FenceCheck
-from qrobot.motion.planning.geometric_path import GeometricPath, plan_geometric_path, segment_of
+from qrobot.motion.planning.geometric_path import GeometricPath, joint_geometry, plan_geometric_path, segment_of
 from qrobot.motion.planning.joint_stop import all_can_stop, all_can_stop_along
 from qrobot.motion.planning.queued_motion import NO_FOLLOWER, Following, QueuedMotion, prepare_motion
 from qrobot.motion.planning.replan import replan
 from qrobot.motion.planning.timing import MANY, Scheduler
-from qrobot.motion.request import MoveRequest
+from qrobot.motion.request import MoveRequest, enough_samples
 from qrobot.motion.world.kinematics import ArmKinematics
 from qrobot.motion.world.limits import MotionLimits
 
@@ -108,6 +108,7 @@ class Planner:
         if queued.end is not None:
             self._limits.check_position(queued.end, what)
         if queued.here:
+            enough_samples(request.stay_s, self._settings.period_s)  # which refuses what cannot be counted
             return queued
         if queued.end is None or start is None:
             return replace(queued, asks=Following(self.scheduler.preferred(request)))
@@ -210,6 +211,12 @@ class Planner:
         ahead = q + v * (self.scheduler.preferred(request) * self._settings.period_s)
         inside: Floats = np.clip(ahead, self._limits.q_min, self._limits.q_max)
         return inside
+
+    def stay(self, request: MoveRequest, q: Floats, clock: float) -> SegmentEntry:
+        """The time for which `request`, an absolute stop, has the arm stand at `q` (n,), from path time `clock` on."""
+        ways = Schedule(1, enough_samples(request.stay_s, self._settings.period_s) + 1, 1, 1)
+        segment = self.segment(QueuedMotion(request, target=q), joint_geometry(q, q), ways, clock + 1.0)
+        return SegmentEntry(segment, np.vstack((q, np.zeros_like(q), np.zeros_like(q))))
 
     def segment(self, queued: QueuedMotion, geometry: GeometricPath, schedule: Schedule, begin: float) -> Segment:
         """The segment that leaves its via point at path time `begin`."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from qrobot.arrays import Floats
-from qrobot.motion.event import MotionEvent
+from qrobot.motion.event import MotionEvent, Termination
 from qrobot.motion.path.segment import Segment
 from qrobot.motion.request import MoveRequest
 
@@ -25,6 +25,11 @@ class StopState:
     code: int
     scal: float
     why: str = ""
+
+    @property
+    def stays(self) -> bool:
+        """True for one that was asked for, and to stand for a time where the arm comes to rest."""
+        return self.request is not None and self.request.stay_s > 0.0 and self.code == Termination.COMPLETED
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Final
 
 from qrobot.arrays import Floats
@@ -99,6 +100,7 @@ class Sequencer:
     def stop(self, seconds: float) -> None:
         """See `Generator.stop`."""
         self._drop_waiting()
+        self._stay_no_longer(Termination.STOPPED)
         stands = self._path.segment is None and self._path.coordinates.fixed
         if not self.stopping and not stands:
             self._begin_stop(self.serving, Termination.STOPPED, seconds)
@@ -106,6 +108,7 @@ class Sequencer:
     def abort(self, code: int, why: str) -> None:
         """See `Generator.abort`."""
         if self.stopping:
+            self._stay_no_longer(code, why)
             if not self._trajectory.on_joint_path:  # a stop on it may take long, and the path not be for the arm
                 self._trajectory.begin_joint_stop(self._limits)
             return
@@ -183,7 +186,7 @@ class Sequencer:
     def _leave_segment(self, segment: Segment) -> bool:
         """Enter the transition to the request that follows, or to rest, once it is time for it."""
         queued = self._follower()
-        if self.stopping or queued is None or queued.here or not queued.settled:
+        if self.stopping or segment.stays or queued is None or queued.here or not queued.settled:
             return self._approach_rest(segment)
         transition = self._transition_to(segment, queued)
         if transition is None:
@@ -244,10 +247,10 @@ class Sequencer:
         self._pass_via_point()  # that before it, when samples were left out
         self._trajectory.hold(segment.target)
         self._arrived = segment.request
-        ended = segment.request if self._stop is None else self._stop.request
-        self._stop = None
-        if ended is not None:
-            self.events.ended(ended, Termination.COMPLETED)
+        if self._stop is None:
+            self.events.ended(segment.request, Termination.COMPLETED)
+        else:
+            self._end_stop(self._stop, Termination.COMPLETED)
         queued = self._queue.peek()
         return self._path.coordinates.fixed or queued is None or not queued.here
 
@@ -391,10 +394,22 @@ class Sequencer:
         if stop is None or not self._trajectory.stopped:
             return False
         self._trajectory.rest_here()
-        self._stop = None
-        if stop.request is not None:
-            self.events.ended(stop.request, stop.code, stop.why)
+        self._end_stop(stop, stop.code, stop.why)
         return True
+
+    def _end_stop(self, stop: StopState, code: int, why: str = "") -> None:
+        """End with `code` what `stop`, which is over, has served, unless the arm is to stand there for a time."""
+        self._stop, request, trajectory = None, stop.request, self._trajectory
+        if request is not None and stop.stays:
+            stay = self._planner.stay(request, trajectory.goal_joints(), trajectory.clock)
+            trajectory.enter(stay, trajectory.clock)
+        elif request is not None:
+            self.events.ended(request, code, why)
+
+    def _stay_no_longer(self, code: int, why: str = "") -> None:
+        """The stop under way ends with `code` as soon as the arm stands, if it was to stay."""
+        if self._stop is not None and self._stop.stays:
+            self._stop = replace(self._stop, code=code, why=why)
 
     def _refuse(self, error: MotionError) -> None:
         """The oldest request turned out to be impossible when its turn came; nothing behind it is tried."""
