@@ -128,6 +128,34 @@ def test_path_correction_by_a_sensor_follows_a_surface_s05(robot) -> None:
     assert np.ptp(errors) > 0.05  # the surface does move
 
 
+def test_a_function_is_called_while_its_motion_is_the_next_one_and_what_goes_by_scal_begins_with_it(robot) -> None:
+    calls: list[float] = []
+
+    def sensfn(t: rccl.Transform) -> None:
+        calls.append(end.scal)
+        if end.scal > 0.0:
+            t.p.z -= 0.1
+
+    sens = newtrans("SENS", sensfn)
+    begin, end = on_table("BEGIN", gentr_trsl("A", 0, 0, -20)), on_table("END", gentr_trsl("B", 0, 60, -20), sens)
+    rccl.setime(200, 2800)
+    rccl.move(begin)
+    rccl.move(end)
+    rccl.override(50)
+    sample(20)
+    rccl.pause()
+    sample(40)
+    rccl.resume()
+    rccl.override(100)
+    rccl.waitas(lambda: begin.end.count > 0)
+    before = sum(scal == 0.0 for scal in calls)
+    assert before > 2800 / 28
+    assert sens.p.z == pytest.approx(-0.1 * (len(calls) - before))
+    assert len(calls) - before < 0.2 / PERIOD_S + 2  # it has begun half a transition ago
+    rccl.waitfor(end.end)
+    rccl.move(rccl.there)
+
+
 def test_functions_of_scal_draw_a_circle_that_begins_and_ends_gently_s06(robot) -> None:
     """The motion of the crank of Hayward & Paul 1986, section 3.4.2, without its forces: two opposite rotations."""
     turns, radius = 2, 40.0
