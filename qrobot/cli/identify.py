@@ -100,7 +100,7 @@ def record(
     deployment
         Deployment file, or the name of a packaged one.
     output
-        The log to write (.mcap).
+        The log to write (.mcap); with --go a new one.
     arm
         Which arm of the file; may be left out when there is only one.
     lockstep

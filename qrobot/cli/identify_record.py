@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
@@ -16,6 +16,7 @@ from qrobot.cli.arm_links import link_of
 from qrobot.cli.arms import controlled_robot, servo_settings
 from qrobot.cli.console import err, note
 from qrobot.cli.logs import read_and_warn
+from qrobot.cli.option_types import require_new_log
 from qrobot.config import Robot
 from qrobot.config.deployment import DeployedArm
 from qrobot.errors import ConfigError, LinkError, LogError, MotionError, ServoFault
@@ -37,6 +38,8 @@ if TYPE_CHECKING:
     from qrobot.log.writer import LogWriter
     from qrobot.rig.experiment import PlantName
     from qrobot.servo.memory.servo_memory import ServoInfo
+
+_NOT_READY: Final = "the servo of {arm} is not ready: nothing would be recorded"
 
 
 def record_emulated(
@@ -76,13 +79,16 @@ def record_emulated(
 def record_running(arm: DeployedArm, robot: Robot, plan: ExcitationPlan | Excitation, output: Path, first: int) -> None:
     """The same on the running arm: setpoints go over its bridge, the log is taken from its servo's memory.
 
+    The log is begun when the arm is under control, and is a new one.
+
     Raises:
-        LinkError: no servo runs, or it is not ready.
-        ConfigError: it drives another robot than the file tells of.
+        LinkError: no servo runs, it is not ready, or somebody else commands the arm.
+        ConfigError: it drives another robot than the file tells of, or `output` is a recording already.
         LogError: the log cannot be written, or not any more: the arm makes no further move then.
     """
+    refuse_recorded(output)
     with (
-        _recording(arm, robot, output) as check_recorder,
+        _recording(arm, robot, output) as recorder,
         _bar(plan) as told,
         says_where_it_broke_off(told) as told_and_kept,
         rccl.use(link_of(arm)),
@@ -90,27 +96,34 @@ def record_running(arm: DeployedArm, robot: Robot, plan: ExcitationPlan | Excita
     ):
 
         def begun(number: int, move: Swing | FourierRun) -> None:
-            check_recorder()
+            recorder.check()
             told_and_kept(number, move)
 
+        recorder.begin()
         perform(channel, robot, plan, begun, first)
-        check_recorder()
+        recorder.check()
+
+
+def refuse_recorded(output: Path) -> None:
+    """Raise ConfigError when `output` cannot be written, or is a recording already."""
+    try:
+        require_new_log(output)
+    except ValueError as error:
+        raise ConfigError(str(error)) from None
 
 
 @contextmanager
-def _recording(arm: DeployedArm, robot: Robot, output: Path) -> Iterator[Callable[[], None]]:
-    """A log of the running servo, from now on until the end; what is given raises LogError where it has ended before.
+def _recording(arm: DeployedArm, robot: Robot, output: Path) -> Iterator[_Recorder]:
+    """A recorder of the running servo, whose log ends with the block. Raises what `record_running` does.
 
-    What the servo did before is no part of it: the arm may have carried something else.
+    What the servo did before is no part of the log: the arm may have carried something else.
     """
     from qrobot.cli.log import recorded_header
     from qrobot.log.follow import ServoFollower, log_paths
     from qrobot.log.writer import LogWriter
-    from qrobot.servo.memory.servo_memory import attach_servo_memory
 
-    attach_servo_memory(arm.name).close()  # says so when there is none
+    _require_recordable(arm, robot)
     paths = log_paths(output, arm.name)
-
     writers: list[LogWriter] = []
 
     def open_log(servo: ServoInfo, pid: int) -> LogWriter:
@@ -118,13 +131,9 @@ def _recording(arm: DeployedArm, robot: Robot, output: Path) -> Iterator[Callabl
         return writers[-1]
 
     with QueuedReport(note) as told:
-        follower = ServoFollower(arm.name, open_log, told, from_now=True)
-        follower.step(0)  # it begins here, before any move, or raises
-        if not follower.recording:
-            raise LinkError(f"the servo of {arm.name} is not ready: nothing would be recorded")
-        recorder = _RecorderThread(follower)
+        recorder = _Recorder(ServoFollower(arm.name, open_log, told, from_now=True), arm.name)
         try:
-            yield recorder.check
+            yield recorder
         finally:
             recorder.end()
         recorder.check()
@@ -134,13 +143,34 @@ def _recording(arm: DeployedArm, robot: Robot, output: Path) -> Iterator[Callabl
         raise LogError(f"the log is incomplete: {refused[0]}")
 
 
-class _RecorderThread:
+def _require_recordable(arm: DeployedArm, robot: Robot) -> None:
+    """Raise LinkError: no servo runs, or it is not ready. ConfigError: it drives another robot."""
+    from qrobot.cli.log import recorded_header
+    from qrobot.servo.memory.servo_memory import attach_servo_memory, servo_info
+
+    memory = attach_servo_memory(arm.name)
+    try:
+        info = servo_info(memory.words)
+        if not info.ready:
+            raise LinkError(_NOT_READY.format(arm=arm.name))
+        recorded_header(robot, info, int(memory.header.owner_pid), arm.board.plant)
+    finally:
+        memory.close()
+
+
+class _Recorder:
     """A follower in a thread of its own, and what has ended it."""
 
-    def __init__(self, follower: ServoFollower) -> None:
-        self._follower, self._stop = follower, threading.Event()
+    def __init__(self, follower: ServoFollower, arm: str) -> None:
+        self._follower, self._arm, self._stop = follower, arm, threading.Event()
         self._error: Exception | None = None
         self._thread = threading.Thread(target=self._run, name="recorder")
+
+    def begin(self) -> None:
+        """Open the log, which holds what the servo does from now on. Raises LinkError: the servo is away."""
+        self._follower.step(0)
+        if not self._follower.recording:
+            raise LinkError(_NOT_READY.format(arm=self._arm))
         self._thread.start()
 
     def check(self) -> None:
@@ -149,9 +179,12 @@ class _RecorderThread:
             raise LogError(f"nothing is recorded any more: {self._error}") from self._error
 
     def end(self) -> None:
-        """End the log."""
+        """End the log, where there is one."""
         self._stop.set()
-        self._thread.join()
+        if self._thread.ident is None:
+            self._follower.close()
+        else:
+            self._thread.join()
 
     def _run(self) -> None:
         from qrobot.log.follow import follow

@@ -17,7 +17,7 @@ from qrobot.cli.option_types import (
     Megabytes,
     OutputFilm,
     OutputFolder,
-    OutputLog,
+    OutputNewLog,
     OutputTable,
     Port,
     Range,
@@ -279,7 +279,7 @@ def record(
     deployment: str = "emulator",
     *,
     arm: str | None = None,
-    output: OutputLog | None = None,
+    output: OutputNewLog | None = None,
     max_megabytes: Annotated[Megabytes, Parameter(name="--max-mb")] = 1000.0,
     plant: str | None = None,
 ) -> None:
@@ -296,7 +296,7 @@ def record(
     arm
         Which arm of the file; may be left out when there is only one.
     output
-        Directory for the logs, overriding the file; or the file (.mcap) for the log of the first servo found.
+        Directory for the logs, overriding the file; or a new file (.mcap) for the log of the first servo found.
     max_megabytes
         Size at which the next part of a log begins.
     plant

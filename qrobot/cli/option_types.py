@@ -83,6 +83,12 @@ def require_writable_log(path: Path) -> None:
     _tell(path, _try_file if path.suffix == ".mcap" else _try_folder)
 
 
+def require_new_log(path: Path) -> None:
+    """Raise ValueError when `path` cannot be written, or is a log already: what an arm did does not come again."""
+    _tell(path, _refuse_recorded)
+    require_writable_log(path)
+
+
 @dataclass(frozen=True)
 class FileOfKind:
     """Refuses a file that cannot be written, or that is of another kind by its suffix: it may be somebody's work.
@@ -122,6 +128,11 @@ def _tell(path: Path, attempt: Callable[[Path], None]) -> None:
         raise ValueError(f"cannot write {path}: {error_text(error)}") from None
 
 
+def _refuse_recorded(path: Path) -> None:
+    if path.suffix == ".mcap" and path.is_file() and path.stat().st_size:
+        raise OSError("it is a recording already, name another file")
+
+
 def _try_file(path: Path) -> None:
     if not path.exists():
         _try_folder(path.parent)
@@ -150,6 +161,7 @@ OutputFile = Annotated[Path, Parameter(validator=_each_path(require_writable_fil
 OutputFilm = Annotated[Path, Parameter(validator=_each_path(require_writable_film))]
 OutputFolder = Annotated[Path, Parameter(validator=_each_path(require_writable_folder))]
 OutputLog = Annotated[Path, Parameter(validator=_each_path(require_writable_log))]
+OutputNewLog = Annotated[Path, Parameter(validator=_each_path(require_new_log))]
 OutputFigure = Annotated[Path, Parameter(validator=_each_path(FileOfKind("a figure", (".png", ".pdf", ".svg"))))]
 OutputTable = Annotated[Path, Parameter(validator=_each_path(FileOfKind("a table", (".csv", PARQUET))))]
 OutputArrays = Annotated[

@@ -24,7 +24,7 @@ from qrobot.cli.identify_record import (
     says_where_it_broke_off,
 )
 from qrobot.config import load_robot
-from qrobot.errors import ConfigError, FenceCrossed, IdentificationError, LogError, QRobotError, ServoFault
+from qrobot.errors import ConfigError, FenceCrossed, IdentificationError, LinkBusy, LogError, QRobotError, ServoFault
 from qrobot.faultcodes import FaultCode
 from qrobot.ident.perform import MoveProgress
 from qrobot.ident.plan import ExcitationPlan, Swing
@@ -114,7 +114,8 @@ def test_a_full_disk_behind_the_lines_of_the_recorder_ends_no_recording(
     with create_servo_memory(name, PUMA.name, "qrobot", PUMA.n, HEADER.period_ns, 256) as memory:
         memory.front.info.ready = 1
         base = servo_info(memory.words).telemetry_base
-        with _recording(choose_arm(str(deployment), None), PUMA, tmp_path / "run.mcap"):
+        with _recording(choose_arm(str(deployment), None), PUMA, tmp_path / "run.mcap") as recorder:
+            recorder.begin()
             for row in layout.empty(100).view(np.int64).reshape(100, layout.row_words):
                 append_row(memory.words, base, 256, layout.row_words, row)
             assert written.wait(PATIENCE_S)
@@ -226,11 +227,43 @@ def test_a_recording_begins_where_the_command_did(tmp_path: Path, monkeypatch: p
                 append_row(memory.words, base, 256, layout.row_words, row)
 
         run(0, 100)
-        with _recording(deployment, PUMA, tmp_path / "run.mcap"):
+        with _recording(deployment, PUMA, tmp_path / "run.mcap") as recorder:
+            recorder.begin()
             run(100, 150)
-        with pytest.raises(LogError, match="wrote no cycle"), _recording(deployment, PUMA, tmp_path / "none.mcap"):
-            pass
+        with (
+            pytest.raises(LogError, match="wrote no cycle"),
+            _recording(deployment, PUMA, tmp_path / "none.mcap") as recorder,
+        ):
+            recorder.begin()
     assert read_log(tmp_path / "run.mcap").rows["tick"].tolist() == list(range(100, 150))
+
+
+def test_a_recording_is_not_written_over(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    arm, earlier = OneMove(monkeypatch), write_log(tmp_path / "run.mcap", cycles(0, 300), REAL)[0]
+    name, before = f"kept{os.getpid()}", earlier.read_bytes()
+    deployment = choose_arm(str(write_deployment(tmp_path, name=name)), None)
+    with create_servo_memory(name, PUMA.name, "qrobot", PUMA.n, HEADER.period_ns, 256) as memory:
+        memory.front.info.ready = 1
+        with pytest.raises(ConfigError, match=r"run\.mcap: it is a recording already"):
+            record_running(deployment, PUMA, PLAN, earlier, 0)
+    assert arm.moved == []
+    assert earlier.read_bytes() == before
+
+
+def test_an_arm_that_somebody_else_commands_leaves_no_log(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(_arm: object) -> None:
+        raise LinkBusy("commanded by program 3")
+
+    OneMove(monkeypatch)
+    monkeypatch.setattr("qrobot.rccl.control", refuse)
+    monkeypatch.setattr("qrobot.cli.log.recorded_header", lambda *_: REAL)
+    name = f"busy{os.getpid()}"
+    deployment = choose_arm(str(write_deployment(tmp_path, name=name)), None)
+    with create_servo_memory(name, PUMA.name, "qrobot", PUMA.n, HEADER.period_ns, 256) as memory:
+        memory.front.info.ready = 1
+        with pytest.raises(LinkBusy):
+            record_running(deployment, PUMA, PLAN, tmp_path / "run.mcap", 0)
+    assert not (tmp_path / "run.mcap").exists()
 
 
 SHORTER = replace(HEADER, robot_digest="0123456789abcdef")

@@ -155,6 +155,13 @@ def test_export_chooses_the_format_by_suffix(log_file: Path, capsys: pytest.Capt
     assert "a table ends in .csv or .parquet" in capsys.readouterr().err
 
 
+def test_a_recorder_writes_over_no_recording(log_file: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    before = log_file.read_bytes()
+    assert run_app(make_app(), ["log", "record", "--output", str(log_file)]) == 2
+    assert "it is a recording already, name another file" in " ".join(capsys.readouterr().err.split())
+    assert log_file.read_bytes() == before
+
+
 @pytest.mark.parametrize("command", [["info"], ["plot"], ["export"]])
 def test_a_missing_log_is_one_line_and_status_1(command: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     target = ["x.csv"] if command == ["export"] else []

@@ -281,6 +281,14 @@ def test_an_old_part_that_cannot_be_removed_is_a_log_error(tmp_path: Path) -> No
         write_log(tmp_path / "run.mcap", make_rows(1), make_header())
 
 
+def test_a_log_that_cannot_be_begun_costs_no_part_of_an_earlier_one(tmp_path: Path) -> None:
+    (tmp_path / "run.mcap").mkdir()
+    (tmp_path / "run.0002.mcap").write_bytes(b"a part")
+    with pytest.raises(LogError, match=r"cannot write the log .*run\.mcap"):
+        write_log(tmp_path / "run.mcap", make_rows(1), make_header())
+    assert (tmp_path / "run.0002.mcap").read_bytes() == b"a part"
+
+
 def test_a_log_of_another_format_is_refused_by_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("qrobot.log.header.FORMAT", "99")
     write_log(tmp_path / "run.mcap", make_rows(1), make_header())
