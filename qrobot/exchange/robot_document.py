@@ -9,7 +9,7 @@ import numpy as np
 
 from qrobot.arrays import Floats
 from qrobot.config.robot import Robot
-from qrobot.config.toml_text import toml_lines
+from qrobot.config.toml_text import toml_key, toml_lines
 from qrobot.errors import ConfigError
 from qrobot.printable import printable
 from qrobot.units import DEG_PER_RAD
@@ -30,7 +30,9 @@ _ORDER: Final = (
     "control",
     "guard",
     "board",
+    "shape",
 )
+"""Sections, as they stand in a file; others come after them."""
 _UNITS: Final = "# SI units, one entry per joint; keys ending in _deg or _deg_s are degrees on joints that turn."
 _DIGITS: Final = 12  # behind the point, in degrees: radians come back to 2e-14
 
@@ -64,7 +66,8 @@ def robot_text(document: Document) -> str:
     told = (document.get("about") or document["name"]).splitlines()
     about = "".join(f"# {printable(line)}\n" for line in told) + f"#\n{_UNITS}\n"
     heads = toml_lines({key: value for key, value in document.items() if not isinstance(value, dict)})
-    tables = [_table_text(name, document[name]) for name in _ORDER if name in document]
+    sections = [name for name in dict.fromkeys((*_ORDER, *document)) if isinstance(document.get(name), dict)]
+    tables = [_table_text(name, document[name]) for name in sections]
     return "\n".join([about, heads, *tables])
 
 
@@ -73,7 +76,7 @@ def _table_text(path: str, table: Document) -> str:
     inside = {key: value for key, value in table.items() if isinstance(value, dict) and key != "coupling"}
     own = {key: value for key, value in table.items() if key not in inside}
     parts = [f"[{path}]\n{toml_lines(own)}"] if own else []
-    return "\n".join([*parts, *(_table_text(f"{path}.{key}", value) for key, value in inside.items())])
+    return "\n".join([*parts, *(_table_text(f"{path}.{toml_key(key)}", value) for key, value in inside.items())])
 
 
 def _in_file_units(values: Floats, robot: Robot) -> Floats:

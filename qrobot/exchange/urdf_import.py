@@ -239,14 +239,15 @@ def _sections_beside(path: Path) -> Document:
 
 
 def _borrowed(like: str, joints: Document) -> Document:
-    """Sections of an arm of the same joints without its geometry, each value marked as borrowed."""
+    """Sections of an arm of the same joints without its geometry and its body, each value marked as borrowed."""
     robot = load_robot(like)
     if list(robot.joints.kinds) != joints["kinds"]:
         raise ConfigError(f"{like} is not like it: its joints are {', '.join(robot.joints.kinds)}")
     document = robot_document(robot)
     for table in _sections(document):
         table["source"] = dict.fromkeys(table["source"], f"{_BORROWED}{robot.name}")
-    del document["name"], document["geometry"]
+    for own in ("name", "geometry", "shape"):
+        document.pop(own, None)
     return document
 
 

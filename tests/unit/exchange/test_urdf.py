@@ -88,23 +88,6 @@ def test_an_exported_arm_comes_back_with_the_same_geometry_ranges_and_links(name
     assert back.joint_names == robot.joint_names
 
 
-@pytest.mark.parametrize("name", ROBOTS)
-def test_a_robot_written_as_text_is_the_same_robot(name: str, tmp_path: Path) -> None:
-    robot, path = load_robot(name), tmp_path / "again.toml"
-    write_robot(path, robot_document(robot))
-    again = load_robot(path)
-    assert robot_text(robot_document(again)) == robot_text(robot_document(robot))
-    assert np.allclose(again.transmission.coupling, robot.transmission.coupling, atol=1e-12)
-    assert np.allclose(again.limits.q_min, robot.limits.q_min, atol=1e-14)
-
-
-@pytest.mark.parametrize("about", ["two\nlines", "carriage\rreturn", "tab\t, bell\x07", "line\u2028separator", "\n"])
-def test_whatever_a_robot_file_says_about_its_robot_is_read_again(about: str, tmp_path: Path) -> None:
-    document = robot_document(load_robot("puma560")) | {"about": about}
-    write_robot(tmp_path / "robot.toml", document)
-    assert load_robot(tmp_path / "robot.toml").about == about
-
-
 def arbitrary_urdf(seed: int) -> str:
     """An arm of three to seven joints with axes and frames anywhere, things bolted on, and a fixed foot."""
     draw = np.random.default_rng(seed)
