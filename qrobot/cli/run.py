@@ -139,16 +139,11 @@ def _filmed(
     if record is None:
         yield lambda links: links
         return
-    from qrobot.cli.run_film import Heard, film_heard
+    from qrobot.cli.run_film import Heard, film_heard, filmed
 
     heard = Heard()
-    try:
+    with filmed(lambda: film_heard(heard, program.name, arms[0], record)):
         yield heard.links
-    except Exception:
-        if heard.any:
-            film_heard(heard, program.name, arms[0], record)
-        raise
-    film_heard(heard, program.name, arms[0], record)
 
 
 def _check(program: Path, emulated: Sequence[str], lockstep: bool, offline: bool, start: str | None) -> None:

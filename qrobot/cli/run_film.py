@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Final
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from qrobot.arrays import Floats
 from qrobot.cli.arms import robot_of_arm
-from qrobot.cli.console import err, note
+from qrobot.cli.console import complain, err, note
 from qrobot.config.deployment import DeployedArm
 from qrobot.errors import LogError
 from qrobot.fences.told_fences import told_fences
@@ -41,11 +41,6 @@ class Heard:
             self._rows.clear()
         self._rows.append((robot.t_ns, robot.q, robot.q_setpoint))
 
-    @property
-    def any(self) -> bool:
-        """Something was heard."""
-        return bool(self._rows)
-
     def table(self, n: int) -> tuple[Floats, Floats, Floats]:
         """Times since the first sample, s (rows,); joints, and setpoints, rad or m (rows, n)."""
         t_ns = np.array([row[0] for row in self._rows], dtype=np.int64)
@@ -69,6 +64,28 @@ class HeardLink(ForwardingLink):
         state = super().exchange(command)
         self._heard.hear(state)
         return state
+
+
+@contextmanager
+def filmed(make: Callable[[], None]) -> Iterator[None]:
+    """Block behind which `make` makes a film, whatever ends it: `sys.exit` and Ctrl-C, too.
+
+    Where the block fails its own error is raised, and what there is to say of the film is told.
+
+    Raises:
+        LogError: there is no film of a program that ended well.
+    """
+    try:
+        yield
+    except BaseException as error:
+        try:
+            make()
+        except LogError as refused:
+            if isinstance(error, SystemExit) and not error.code:
+                raise
+            complain(str(refused))
+        raise
+    make()
 
 
 @contextmanager

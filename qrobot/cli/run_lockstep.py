@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -13,7 +13,7 @@ from qrobot.cli.arm_links import ArmLinks, links_of
 from qrobot.cli.arms import check_law, controlled_robot, robot_of_arm, servo_settings, tool_of_arm
 from qrobot.cli.console import note
 from qrobot.cli.program_settings import settings_of
-from qrobot.cli.run_film import film_log
+from qrobot.cli.run_film import film_log, filmed
 from qrobot.config import deployment_path, robot_path
 from qrobot.config.deployment import DeployedArm
 from qrobot.config.scene import SceneKind
@@ -58,13 +58,12 @@ class LockstepRun:
         written: list[Path] = []
         with TemporaryDirectory(prefix="qrobot-run-") as folder:
             passing = None if record is None else Path(folder) / "run.mcap"  # a log for the film alone
-            try:
-                return self._perform(run, deployment, log or passing, written)
-            finally:
-                for path in written if log is not None else ():
-                    note(f"log {path}: look at it with `qrobot log info {path}`")
-                if record is not None and written:
-                    film_log(written[0], record)
+            with nullcontext() if record is None else filmed(lambda: _film(written, record)):
+                try:
+                    return self._perform(run, deployment, log or passing, written)
+                finally:
+                    for path in written if log is not None else ():
+                        note(f"log {path}: look at it with `qrobot log info {path}`")
 
     def _perform(self, run: Callable[[ArmLinks], int], deployment: str, log: Path | None, written: list[Path]) -> int:
         if log is not None and log.suffix == ".mcap" and len(self.arms) > 1:
@@ -78,6 +77,12 @@ class LockstepRun:
             for each in emulated:
                 logs.enter_context(each.logged(deployment, log, written))
             return run(links_of(self.arms, lambda arm: links[arm.name]))
+
+
+def _film(written: Sequence[Path], record: Path) -> None:
+    """Make the film of the first log that was written, if any."""
+    for log in written[:1]:
+        film_log(log, record)
 
 
 class LockstepArm:

@@ -14,6 +14,7 @@ from qrobot.cli.main import make_app
 from qrobot.cli.motion_stage import MotionStage
 from qrobot.cli.run_film import Heard
 from qrobot.config import load_robot
+from qrobot.errors import LogError
 from qrobot.exchange.robot_document import robot_document, robot_text
 from qrobot.log.arm_drawing import SolidArm
 from qrobot.log.read import read_log
@@ -60,6 +61,14 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def run(*words: str) -> int:
     return run_app(make_app("run"), ["run", *words])
+
+
+def status_of(*words: str) -> int | str | None:
+    """Status of a run whose program may end the command."""
+    try:
+        return run(*words)
+    except SystemExit as ended:
+        return ended.code
 
 
 def test_an_example_brings_its_scene(capsys: pytest.CaptureFixture[str]) -> None:
@@ -139,6 +148,44 @@ def test_the_film_of_a_program_that_fails_is_made_and_of_one_that_takes_no_arm_i
     (here / "nothing.py").write_text("print('none')\n")
     assert run("--offline", "--record", "nothing.gif", "nothing.py") == 1
     assert "has heard of no arm" in capsys.readouterr().err.replace("\n", " ")
+
+
+@pytest.mark.parametrize("manner", ["--lockstep", "--offline"])
+@pytest.mark.parametrize(
+    ("end", "status"),
+    [
+        ("raise RuntimeError('mine')", 1),
+        ("raise SystemExit(0)", 0),
+        ("raise SystemExit(3)", 3),
+        ("raise SystemExit('no')", "no"),
+        ("raise KeyboardInterrupt", 130),
+    ],
+)
+def test_a_film_is_made_however_a_program_ends(manner: str, end: str, status: int | str, here: Path) -> None:
+    (here / "ends.py").write_text(f"{SHORT}{end}\n")
+    assert status_of(manner, "--record", "ends.gif", "ends.py") == status
+    assert (here / "ends.gif").stat().st_size > 0
+
+
+@pytest.mark.parametrize("manner", ["--lockstep", "--offline"])
+@pytest.mark.parametrize(
+    ("end", "status", "told"),
+    [("raise RuntimeError('mine')", 1, "RuntimeError: mine"), ("raise SystemExit(3)", 3, ""), ("", 1, "")],
+)
+def test_a_film_that_fails_is_told_and_hides_no_error_of_the_program(
+    manner: str, end: str, status: int, told: str, here: Path, monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:  # fmt: skip
+    def refuse(*_: object) -> None:
+        raise LogError("no film: the disk is full")
+
+    monkeypatch.setattr("qrobot.cli.run_film.write_film", refuse)
+    monkeypatch.setattr("qrobot.cli.run_film.write_animation", refuse)
+    (here / "ends.py").write_text(f"{SHORT}{end}\n")
+    assert status_of(manner, "--record", "ends.gif", "ends.py") == status
+    said = capsys.readouterr().err
+    assert told in said
+    assert "no film: the disk is full" in said.replace("\n", " ")
 
 
 @pytest.mark.parametrize(
