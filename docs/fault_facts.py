@@ -44,7 +44,7 @@ FACTS: Final = {
     F.ENC_JUMP: Fact("3 cycles; a single jump is held back", BREAKS),
     F.ENC_SIGN: Fact(
         "3 to 8 ms of torque before the motor has gone its way once; mostly it shows as RUNAWAY, at the first motion",
-        f"{MOTOR}::test_an_encoder_wired_the_wrong_way_is_cut_at_the_first_motion",
+        f"{MOTOR}::test_an_encoder_that_turns_round_before_its_motor_has_gone_its_way_is_called_that",
     ),
     F.ENC_LOSS: Fact(
         "the next index pulse",

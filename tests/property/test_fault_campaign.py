@@ -74,6 +74,7 @@ CASES = (
     Case("board frozen", (F.BOARD_GONE,), 5, 1.25, stays=True),
     Case("board slow 30", (F.BOARD_GONE,), 6, 1.5),
     Case("board intermittent 0.9", (F.BOARD_GONE,), 3),
+    Case("encoder:1 scale -0.5", (F.COLLISION,), 3, 15.0, ends=(F.DAC_STUCK,)),
     # actuators and power
     Case("dac:2 full -1", (F.RUNAWAY,), 3, 10.0),
     Case("dac:5 full -1", (F.RUNAWAY,), 3, 10.0),
@@ -81,6 +82,7 @@ CASES = (
     Case("dac:5 full", (F.COLLISION,), 3, 15.0, ends=(F.RUNAWAY,)),
     Case("dac:1 dead", (F.COLLISION,), 3, 50.0),
     Case("dac:2 dead", (F.RUNAWAY,), 3, 150.0),
+    Case("arm:1 pushed 176", (F.COLLISION,), 3, 15.0, ends=(F.DAC_STUCK,)),
     Case("brake:2 stuck", (F.ENC_STUCK, F.COLLISION), 3, 25.0),
     Case("power drop", (F.POWER_LOST,), 1),
     Case("power off +100ms", (F.POWER_LOST,), 1),

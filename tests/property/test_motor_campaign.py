@@ -67,6 +67,21 @@ def test_an_encoder_wired_the_wrong_way_is_cut_at_the_first_motion(joint: int, r
 
 
 @RATES
+@pytest.mark.parametrize("joint", [1, 6])
+def test_an_encoder_that_turns_round_before_its_motor_has_gone_its_way_is_called_that(
+    joint: int, rate_hz: float
+) -> None:
+    leg = FastLeg(rate_hz)
+    leg.go(0.1)
+    outcome = leg.suffer(f"encoder:{joint} reversed", 2)
+    assert outcome.acted > 0
+    assert (outcome.code, outcome.modes) == (FaultCode.ENC_SIGN, [Mode.TRACKING, Mode.FAULT])
+    assert outcome.reaction / rate_hz <= 0.02
+    assert outcome.cut_at_once
+    assert incident_of(leg).joint == joint - 1
+
+
+@RATES
 def test_a_sign_is_right_once_the_motor_has_gone_along_its_torque_and_until_power_goes(rate_hz: float) -> None:
     leg = FastLeg(rate_hz)
     leg.power_on()

@@ -9,10 +9,12 @@ from pathlib import Path
 import pytest
 
 from qrobot.faultcodes import FaultCode
+from tests.property.test_fault_campaign import CASES, MISHAPS
 
 ROOT = Path(__file__).parents[3]
 REFRESH = runpy.run_path(str(ROOT / "docs/refresh.py"))
 FACTS = REFRESH["fault_facts"].FACTS
+BREAKS, STREAM = REFRESH["fault_facts"].BREAKS, REFRESH["fault_facts"].STREAM
 RAISED = REFRESH["tables"].raised_codes()
 
 
@@ -22,6 +24,12 @@ def test_a_fault_on_the_page_is_raised_and_its_test_exists(code: FaultCode) -> N
     path, _, function = FACTS[code].test.partition("::")
     tree = ast.parse((ROOT / path).read_text())
     assert function in {node.name for node in ast.walk(tree) if isinstance(node, ast.FunctionDef)}
+
+
+def test_a_fault_that_the_campaign_is_said_to_inject_is_named_in_its_table() -> None:
+    injected = {test: {code for code, fact in FACTS.items() if fact.test == test} for test in (BREAKS, STREAM)}
+    assert injected[BREAKS] - {FaultCode.RESET_DENIED} <= {code for case in CASES for code in case.codes + case.ends}
+    assert injected[STREAM] <= {mishap.code for mishap in MISHAPS}
 
 
 def test_every_code_raised_has_its_row() -> None:
