@@ -27,9 +27,10 @@ class Fault:
         name: for the table.
         line: as it is injected, with {joint} for the joint that moves; None breaks nothing.
         codes: what the arm may be stopped for in the end; empty for any.
-        reaction_ms: bound on the reaction in motion, where the fault shows at once; infinite where it need not show.
+        reaction_ms: bound on the reaction where the fault shows at once, at rest too; infinite where it need not.
         joints: of the arm, from 0, on which it is tried.
         stray_deg: bound on how far a joint may be from its path while it has torque.
+        noticed: it has to be; what may turn out to harm nothing need not.
     """
 
     name: str
@@ -38,13 +39,14 @@ class Fault:
     reaction_ms: float = math.inf
     joints: tuple[int, ...] = JOINTS
     stray_deg: float = STRAY_DEG
+    noticed: bool = True
 
 
 F = FaultCode
 # Under an unknown load, a slow joint that counts backwards is first held like one that met an obstacle.
 TURNED_ROUND: Final = (F.ENC_SIGN, F.RUNAWAY, F.ENC_STUCK, F.FOLLOWING, F.ENC_LOSS, F.COLLISION)
 FAULTS: Final = (
-    Fault("nothing", None, (F.NONE,)),
+    Fault("nothing", None, (F.NONE,), noticed=False),
     Fault("encoder's cable off", "encoder:{joint} off", (F.ENC_STUCK, F.FOLLOWING), joints=BRAKED),
     Fault("encoder stuck", "encoder:{joint} stuck", (F.ENC_STUCK, F.ENC_LOSS, F.FOLLOWING), joints=BRAKED),
     Fault("encoder reversed", "encoder:{joint} reversed", TURNED_ROUND),
@@ -52,9 +54,9 @@ FAULTS: Final = (
     Fault("encoder jump", "encoder:{joint} jump 3000", (F.ENC_JUMP,), 10.0),
     Fault("motor at full torque", "dac:{joint} full", reaction_ms=50.0),
     Fault("motor at full torque backwards", "dac:{joint} full -1", reaction_ms=50.0),
-    Fault("motor dead", "dac:{joint} dead"),
-    Fault("motor torque stuck", "dac:{joint} stuck"),
-    Fault("brake closed", "brake:{joint} stuck", joints=BRAKED),
+    Fault("motor dead", "dac:{joint} dead", noticed=False),
+    Fault("motor torque stuck", "dac:{joint} stuck", noticed=False),
+    Fault("brake closed", "brake:{joint} stuck", joints=BRAKED, noticed=False),
     Fault("power drops", "power drop", (F.POWER_LOST,), 5.0),
     Fault("emergency stop", "estop pressed", (F.ESTOP,), 5.0),
     Fault("board frozen", "board frozen", (F.BOARD_GONE,), 10.0),
@@ -74,11 +76,13 @@ class Row:
     def wrong(self) -> str:
         """In which way it is out of its bounds; empty for none."""
         result, fault, degrees = self.result, self.fault, math.degrees(self.result.strayed_rad)
-        late = self.conditions.moving and result.reaction_s * 1e3 > fault.reaction_ms
+        unnoticed = fault.noticed and result.code is F.NONE
+        late = not unnoticed and result.reaction_s * 1e3 > fault.reaction_ms
         misnamed = bool(fault.codes) and result.code is not F.NONE and result.name not in fault.codes
         reasons = (
             (result.false_alarm, "stopped before anything broke"),
             (fault.line is None and result.code is not F.NONE, "stopped although nothing broke"),
+            (unnoticed, "not noticed"),
             (misnamed, f"first called {result.code.name}"),
             (late, f"reaction after {result.reaction_s * 1e3:.0f} ms"),
             (not degrees <= fault.stray_deg, f"{degrees:.1f} degrees off the path"),

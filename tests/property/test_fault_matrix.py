@@ -11,8 +11,9 @@ import math
 import pytest
 
 from qrobot.faultcodes import FaultCode
-from tests.fault_matrix.campaign import FAULTS, STRAY_DEG, Fault, conditions, run
-from tests.fault_matrix.trial import Conditions, Trial
+from qrobot.modecodes import Mode
+from tests.fault_matrix.campaign import FAULTS, STRAY_DEG, Fault, Row, conditions, run
+from tests.fault_matrix.trial import Conditions, Result, Trial
 
 EVERY = 89  # of the conditions: a slice in which each value of each comes up
 
@@ -22,6 +23,12 @@ def test_no_joint_strays_and_nothing_stops_for_nothing(fault: Fault) -> None:
     rows = run(fault, conditions(EVERY))
     assert len(rows) >= 5
     assert [f"{row.conditions}: {row.wrong}" for row in rows if row.wrong] == []
+
+
+def test_a_fault_that_is_not_noticed_at_rest_is_out_of_bounds_but_where_it_may_harm_nothing() -> None:
+    nothing = Result(FaultCode.NONE, FaultCode.NONE, Mode.TRACKING, math.inf, math.inf, 0.0, 0.0, 0.5, False)
+    let_pass = {fault.name for fault in FAULTS if not Row(fault, Conditions(0, 0.1, moving=False), nothing).wrong}
+    assert let_pass == {"nothing", "motor dead", "motor torque stuck", "brake closed"}
 
 
 def test_the_slice_has_every_speed_stream_load_and_start() -> None:

@@ -15,10 +15,13 @@ SEEDS = range(2)
 def test_an_arm_that_meets_a_wall_while_it_accelerates_hard_is_stopped_for_that(
     joints: tuple[int, ...], draw: int | None
 ) -> None:
-    results = [result for seed in SEEDS if (result := HardTurn(Case(joints, seed, draw)).run()) is not None]
-    assert results
-    for result in results:
+    codes = set()
+    for seed in SEEDS:
+        result = HardTurn(Case(joints, seed, draw)).run()
+        assert result is not None
         assert result.honest, result
+        codes.add(result.code)
+    assert FaultCode.COLLISION in codes or joints == (1,)  # the blow of joint 2 alone may throw the others
 
 
 def test_a_blow_that_stops_a_joint_within_milliseconds_is_no_dead_encoder() -> None:

@@ -33,8 +33,9 @@ FAST_M_S = 0.15  # of the tool's end
 DEPTH_M, WRIST_M = 0.1, 0.04  # by which the path goes on beyond the wall; by the wrist alone
 WRIST = 3  # first joint of it
 AHEAD = 12  # frames in which it does
-HONEST = frozenset({FaultCode.COLLISION, FaultCode.FOLLOWING, FaultCode.SATURATED, FaultCode.RUNAWAY})
-MOST_BEHIND = 1.1  # of the following error: the reference goes on in the cycle that finds it
+HONEST = frozenset({FaultCode.COLLISION, FaultCode.SATURATED, FaultCode.RUNAWAY})
+MOST_BEHIND = 0.9  # of the following error: no bound of another watch has to find it
+MOST_PRESSING_N = 60.0  # in the end
 MOST_TILT = np.radians(40.0)  # of the wall, to the way of the tool
 FLOOR_M = 0.05 - PUMA.geometry.base_height_m  # no lower before the wall
 DEEPEST = 4  # frames that may be played by the time that the wall is there
@@ -81,8 +82,9 @@ class Result:
 
     @property
     def honest(self) -> bool:
-        """The arm was stopped for what had happened, before a joint was farther behind than it may be."""
-        return self.code in HONEST and self.mode in (Mode.HOLDING, Mode.FAULT) and self.behind <= MOST_BEHIND
+        """The arm was stopped for what had happened, before a joint was as far behind as it may be, and let go."""
+        stands = self.mode in (Mode.HOLDING, Mode.FAULT) and self.pressing <= MOST_PRESSING_N
+        return stands and self.code in HONEST and self.behind <= MOST_BEHIND
 
 
 class HardTurn:
