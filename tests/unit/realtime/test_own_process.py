@@ -6,10 +6,9 @@ import subprocess
 import sys
 from pathlib import Path
 
-import qrobot
 from qrobot.realtime.own_process import own_command
 
-PACKAGE = Path(qrobot.__file__).parent
+PACKAGE = Path(__file__).parents[3] / "qrobot"
 FOR_USERS_MODULES = {"rci/hosts/__main__.py"}  # a host is started in the folder of the tasks that it offers
 
 
