@@ -160,6 +160,34 @@ def test_the_dwell_of_the_paper_takes_its_time_and_is_half_over_at_half_of_it(ro
     assert (rccl.how.t_ns - begin) / 1e6 == 400
 
 
+def stop_there(_: rccl.Position) -> None:
+    rccl.move(rccl.there)
+
+
+def stop_for_200_ms(p: rccl.Position) -> None:
+    rccl.setime(0.0, 200.0)
+    rccl.move(p)
+
+
+@pytest.mark.parametrize("mode", ["joint", "cartesian"])
+@pytest.mark.parametrize("stop", [stop_there, stop_for_200_ms])
+def test_a_queued_stop_stands_at_the_position_before_it_and_goes_on(robot, mode, stop) -> None:
+    """ "to stop there, the command stop() is used" (Lloyd et al. 1987, section 2), as the guide writes it here."""
+    rccl.move(place("START", 0, 0, 0))
+    rccl.waitfor(rccl.completed)
+    rccl.setmode(mode)
+    p, then = place("P", 0, 60, 0), place("THEN", -60, 60, 0)
+    rccl.move(p)
+    stop(p)
+    rccl.move(then)
+    seen: list[Floats] = []
+    each_sample(lambda: seen.append(tip_at(rccl.how.q_setpoint)))
+    at_p = np.flatnonzero(np.abs(np.array(seen) - (0.0, 60.0, 0.0)).max(axis=1) < 1e-6)
+    assert at_p.size >= 1
+    assert np.diff(at_p).tolist() == [1] * (at_p.size - 1)
+    assert (p.code, then.code) == (DONE, DONE)
+
+
 @pytest.mark.parametrize("mode", ["joint", "cartesian"])
 @pytest.mark.parametrize(("ta", "ts"), [(0.0, 400.0), (60.0, 310.0), (100.0, 777.0)])
 @pytest.mark.parametrize("follows", [False, True])
