@@ -22,7 +22,8 @@ from qrobot.cli.arms import (
 )
 from qrobot.cli.console import SUCCESS, note
 from qrobot.cli.option_types import RateHz
-from qrobot.config.deployment import DeployedArm, Interpolation, Velocity
+from qrobot.config.deployment import DeployedArm, Interpolation, Velocity, guardian_objection
+from qrobot.errors import ConfigError
 from qrobot.realtime.own_process import own_command
 from qrobot.report import QueuedReport, Report
 
@@ -80,6 +81,8 @@ def servo(
     chosen = choose_arm(deployment, arm)
     robot, identified = controlled_robot(chosen, model)
     settings = servo_settings(chosen, rate, law, velocity, interpolation, reduced_speed)
+    if objection := guardian_objection(settings.rate_hz, settings.guardian_timeout_ms):
+        raise ConfigError(objection)
     settings = replace(settings, neighbours=neighbours_of_arm(chosen, deployment))
 
     def started() -> None:

@@ -34,9 +34,18 @@ TRANSPORTS = (
     "drives",
 )  # kinds of boards that are not emulated here; each has a table of its name
 EXCHANGES_TO_MISS = 2  # before a servo may take the board behind a gateway for gone
+CYCLES_TO_MISS = 2  # from one heartbeat on, before a guardian may take the servo for silent: a cycle may come late
 Millimetres = Annotated[float, Field(ge=-2000, le=2000, allow_inf_nan=False)]
 Velocity = Literal["difference", "observer"]
 Interpolation = Literal["linear", "cubic", "quintic", "b-spline"]
+
+
+def guardian_objection(rate_hz: float, timeout_ms: float) -> str:
+    """Reason for which a guardian cannot watch a servo of that rate so closely; "" when it can."""
+    least_ms = CYCLES_TO_MISS * 1000.0 / rate_hz
+    if timeout_ms >= least_ms:
+        return ""
+    return f"servo.guardian_timeout_ms {timeout_ms:g} is too short for a servo of {rate_hz:g} Hz: at least {least_ms:g}"
 
 
 class BoardChoice(Table):
@@ -208,6 +217,8 @@ class ServoChoice(Table):
     `reduced_speed_mm_s` bounds the speed of the tool's tip, `tool_mm` from the flange in its frame: what asks for more
     is stopped. 250 is the most for a person within reach (ISO 10218-1); this is no safety function.
 
+    `guardian_timeout_ms` is two cycles at least, so a rate below 400 Hz needs a longer one than 5 ms.
+
     At start the loop runs for a moment by itself. A rate that this machine does not keep is refused on a real board
     or with `require_realtime`, else told; `unchecked_rate` signs for it. Without `spin` the loop sleeps to its
     deadline: it needs less of the processor, and is later.
@@ -234,6 +245,12 @@ class ServoChoice(Table):
     tool_mm: tuple[Millimetres, Millimetres, Millimetres] = Field(default=(0.0, 0.0, 0.0), strict=False)
     sensor_channels: tuple[int, ...] = Field(default=(), strict=False)
     force_sensor: ForceCalibration | None = None
+
+    @model_validator(mode="after")
+    def _keeps_its_guardian_quiet(self) -> ServoChoice:
+        if objection := guardian_objection(self.rate_hz, self.guardian_timeout_ms):
+            raise ValueError(objection)
+        return self
 
 
 class LogChoice(Table):

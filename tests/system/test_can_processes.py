@@ -33,7 +33,7 @@ bridge = {{ port = 5701 }}
 name = "{near}"
 robot = "puma560"
 bridge = {{ port = 5702 }}
-servo = {{ rate_hz = 200, board_timeout_ms = 100 }}
+servo = {{ rate_hz = 200, guardian_timeout_ms = 100, board_timeout_ms = 100 }}
 [arm.board]
 kind = "can"
 can = {{ interface = "udp_multicast", channel = "{channel}", period_ms = 5, timeout_ms = 500 }}

@@ -93,6 +93,11 @@ def test_a_board_and_a_drive_may_not_be_one_node_and_cards_may_not_overlap(tmp_p
         ("servo = { rate_hz = 50 }", r"arm\.0\.servo\.rate_hz: .*greater than or equal to 100"),
         ("servo = { rate = 1000 }", r"arm\.0\.servo\.rate: unknown key; did you mean 'rate_hz'"),
         ("servo = { require_realtime = 1 }", r"arm\.0\.servo\.require_realtime: .*valid boolean"),
+        (
+            "servo = { rate_hz = 399 }",
+            r"arm\.0\.servo: servo\.guardian_timeout_ms 5 is too short .* 399 Hz: at least 5\.01",
+        ),
+        ("servo = { rate_hz = 100 }", r"arm\.0\.servo: servo\.guardian_timeout_ms 5 is too short .*: at least 20"),
         ("servo = { guardian_timeout_ms = nan }", r"arm\.0\.servo\.guardian_timeout_ms: .*finite"),
         ('signals = [{ name = "p", analog = 6 }]', r"arm\.0: .*channel 6 is not in servo\.sensor_channels"),
         ('signals = [{ name = "p", outputs = [2, 2] }]', r"arm\.0: .*'p': the arm has no output 2"),
