@@ -140,7 +140,11 @@ def test_a_brake_that_slips_is_told_of_within_100_ms_of_half_a_degree(rate_hz: f
 
 
 @RATES
-@pytest.mark.parametrize("line", ["arm:2 pushed -250 +15ms", "arm:3 pushed -80 +20ms", "arm:5 pushed -9 +15ms"])
+@pytest.mark.parametrize(
+    "line",
+    ["arm:1 pushed 140 +20ms", "arm:2 pushed -250 +15ms", "arm:3 pushed -80 +20ms", "arm:4 pushed 9 +15ms",
+     "arm:5 pushed -9 +15ms", "arm:6 pushed 9 +15ms"],
+)  # fmt: skip
 def test_an_arm_that_hits_something_stops_on_its_path_and_stays_held(line: str, rate_hz: float) -> None:
     leg = FastLeg(rate_hz)
     leg.go(0.4)

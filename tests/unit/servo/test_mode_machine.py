@@ -420,7 +420,8 @@ def test_frames_sent_during_a_fault_are_not_played_afterwards() -> None:
     bench.tick(2)
     bench.hold()
     bench.run(0.2)
-    assert bench.mode is Mode.HOLDING
+    assert (bench.mode, bench.event) == (Mode.HOLDING, FaultCode.NONE)
+    assert Mode.TRACKING not in bench.rows()["mode"]
 
 
 def test_torque_flows_in_no_mode_but_those_of_the_table() -> None:
