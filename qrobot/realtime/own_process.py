@@ -8,7 +8,7 @@ import sys
 def own_command(module: str, *words: str) -> list[str]:
     """Command that runs a module of this project with `words` behind it.
 
-    Python does not look into the current folder: it would take a user's module `signal` there for the library's, and run
-    it in a process of the robot.
+    Python does not look into the current folder: it would take a user's module `signal` there for the library's, and
+    run it in a process of the robot.
     """
     return [sys.executable, "-P", "-m", module, *words]
