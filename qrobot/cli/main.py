@@ -13,6 +13,7 @@ from cyclopts import App, Group
 from qrobot.cli.console import EveryTenth, run_app
 from qrobot.cli.help_text import PLAIN_OPTIONS, FlowingHelp
 from qrobot.realtime.compile_progress import tell_compiling
+from qrobot.realtime.runtime_folder import hand_down_folder
 from qrobot.realtime.startup_order import turn_is_awaited
 from qrobot.realtime.supervised import end_with_supervisor
 
@@ -128,6 +129,7 @@ def import_command(name: str) -> None:
 def main() -> None:
     """Entry point: run the command line and exit with its status."""
     end_with_supervisor()
+    hand_down_folder()
     if not turn_is_awaited():  # of the processes of an arm nobody reads along
         tell_compiling(EveryTenth())
     chosen = next(iter(sys.argv[1:]), "")

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from typing import Protocol
 
-from qrobot.errors import LinkBusy
+from qrobot.errors import LinkError
 
 
 class ArmAuthority(Protocol):
     """The right to command the arm, for which the bridge competes with others on this machine."""
 
     def take(self, label: str) -> None:
-        """Hold it. Raises LinkBusy naming who does."""
+        """Hold it. Raises LinkBusy naming who does, or LinkError when nobody can."""
 
     def release(self) -> None:
         """Let go."""
@@ -48,7 +48,7 @@ class Lease:
         if self._authority is not None:
             try:
                 self._authority.take(label)
-            except LinkBusy as error:
+            except LinkError as error:
                 self.refusal = f"cannot be commanded: {error}"
                 return False
         self._holder, self._label = who, label

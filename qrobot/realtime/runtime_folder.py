@@ -9,6 +9,9 @@ Memory, sockets, locks and the token of the bridge are files in it. It is the fi
 
 The folder has mode 0700, or 0750 and the group `qrobot`, and everything in it belongs to the account that owns it. A
 folder, file or process of anybody else is refused, never adopted. `qrobot_runtime.h` follows the same rule in C.
+
+A process looks once which one it is, and the `qrobot` command hands it to those that it starts: a log-in or a log-out
+meanwhile would lead them elsewhere than to those that they belong to.
 """
 
 from __future__ import annotations
@@ -43,12 +46,35 @@ def runtime_path() -> Path:
         if not os.path.isabs(chosen):
             raise ConfigError(f"{VARIABLE} is {chosen!r}; an absolute path is needed, as in {SHARED_FOLDER}")
         return Path(chosen)
+    return find_folder(_session_folder(), os.geteuid())
+
+
+def hand_down_folder() -> None:
+    """Let this process, and those that it starts, meet where it would now, whoever logs in or out meanwhile."""
+    with contextlib.suppress(ConfigError):  # whoever needs the folder tells it
+        os.environ[VARIABLE] = str(runtime_path())
+
+
+@cache
+def find_folder(session: Path, account: int) -> Path:
+    """The folder of an account that has chosen none, as it was when this process first asked.
+
+    Args:
+        session: the folder of its login session, whether it exists or not.
+    """
     if _is_shared_with_us(SHARED_FOLDER):
         return SHARED_FOLDER
-    session = Path(os.environ.get("XDG_RUNTIME_DIR") or USERS_FOLDER / str(os.geteuid()))
     if session.is_absolute() and _is_ours_in_memory(session):
         return session / "qrobot"
-    return MEMORY_FOLDER / f"qrobot-{os.geteuid()}"
+    return _memory_folder(account)
+
+
+def _session_folder() -> Path:
+    return Path(os.environ.get("XDG_RUNTIME_DIR") or USERS_FOLDER / str(os.geteuid()))
+
+
+def _memory_folder(account: int) -> Path:
+    return MEMORY_FOLDER / f"qrobot-{account}"
 
 
 @dataclass(frozen=True)
@@ -108,11 +134,12 @@ def serve_in_folder() -> Iterator[RuntimeFolder]:
     """The folder, to make files in it: made when it is missing.
 
     Raises:
-        LinkError: it belongs to another account, others may write in it, or it is not in memory.
+        LinkError: it belongs to another account, others may write in it, it is not in memory, or nothing is there to
+            make it in.
     """
     path = runtime_path()
     with contextlib.suppress(FileExistsError), _explained(path):
-        os.mkdir(path, 0o700)
+        _make(path)
     with _opened(path) as folder:
         if folder.owner != os.geteuid():
             raise LinkError(f"{path} belongs to account {folder.owner}: serve as that account, or {_ELSEWHERE}")
@@ -141,12 +168,22 @@ def open_served(name: str, flags: int) -> int:
 
 def tidy_folder(path: Path) -> None:
     """Remove folder `path` when it is empty and one of those that are made when they are missing."""
-    if path != SHARED_FOLDER and os.environ.get(VARIABLE) is None:
+    if path in (_session_folder() / "qrobot", _memory_folder(os.geteuid())):
         with contextlib.suppress(OSError):
             path.rmdir()
 
 
 _ELSEWHERE: Final = f"choose another folder with {VARIABLE}"
+
+
+def _make(path: Path) -> None:
+    try:
+        os.mkdir(path, 0o700)
+    except FileNotFoundError:
+        raise LinkError(
+            f"the runtime folder {path} cannot be made: there is no {path.parent}; that of a login session goes when "
+            f"its account logs out ({_ELSEWHERE})"
+        ) from None
 
 
 @contextlib.contextmanager

@@ -7,15 +7,25 @@ import os
 import shutil
 import socket
 import subprocess
+import sys
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
+from qrobot.cli import main
 from qrobot.errors import ConfigError, LinkError
+from qrobot.rccl_bridge.lease import Lease
 from qrobot.realtime import runtime_folder
-from qrobot.realtime.runtime_folder import look_into_folder, runtime_path, serve_in_folder
+from qrobot.realtime.bridge_token import offered_token
+from qrobot.realtime.runtime_folder import (
+    find_folder,
+    hand_down_folder,
+    look_into_folder,
+    runtime_path,
+    serve_in_folder,
+)
 from qrobot.realtime.shared_memory import SharedMemory
 from qrobot.servo.memory.commander_lock import Authority
 from qrobot.servo.operator.client import ServoClient
@@ -37,6 +47,13 @@ int main(void)
     return 0;
 }
 """
+
+
+@pytest.fixture(autouse=True)
+def _a_process_that_has_not_looked_yet() -> Iterator[None]:
+    find_folder.cache_clear()
+    yield
+    find_folder.cache_clear()
 
 
 @pytest.fixture
@@ -74,12 +91,66 @@ def test_the_variable_comes_first_then_the_shared_folder_then_the_session_then_m
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(session))
     found = [runtime_path()]
     monkeypatch.delenv("QROBOT_RUNTIME_DIR")
-    found.append(runtime_path())
-    shared.rmdir()
-    found.append(runtime_path())
-    session.rmdir()
-    found.append(runtime_path())
+    for folder in (shared, session, None):
+        find_folder.cache_clear()
+        found.append(runtime_path())
+        if folder is not None:
+            folder.rmdir()
     assert found == [memory / "chosen", shared, session / "qrobot", Path(f"/dev/shm/qrobot-{os.geteuid()}")]
+
+
+@pytest.mark.parametrize("logged_in", [True, False])
+def test_a_process_and_those_that_it_starts_meet_where_they_did_when_an_account_logs_in_or_out(
+    session: Path, logged_in: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    login = session / "login"
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(login))
+    login.mkdir() if logged_in else None
+    before = runtime_path()
+    assert (before.parent == login) is logged_in
+    login.rmdir() if logged_in else login.mkdir()
+    assert runtime_path() == before
+    monkeypatch.setenv("QROBOT_RUNTIME_DIR", "")
+    hand_down_folder()
+    find_folder.cache_clear()  # as in a process that has just been started
+    assert runtime_path() == before
+
+
+def test_the_command_hands_its_folder_to_those_that_it_starts(session: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    seen: list[str] = []
+    monkeypatch.setenv("QROBOT_RUNTIME_DIR", "")
+    monkeypatch.setattr(sys, "argv", ["qrobot", "--version"])
+    monkeypatch.setattr(main, "tell_compiling", lambda _report: None)
+    monkeypatch.setattr(main, "run_app", lambda *_: seen.append(os.environ["QROBOT_RUNTIME_DIR"]))
+    with pytest.raises(SystemExit):
+        main.main()
+    assert seen == [str(session / "qrobot")]
+
+
+def test_a_folder_that_was_handed_down_goes_with_its_last_file_as_well(
+    session: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("QROBOT_RUNTIME_DIR", "")
+    hand_down_folder()
+    SharedMemory.create("a", 1, 64).close(unlink=True)
+    assert not (session / "qrobot").exists()
+
+
+def test_where_the_folder_can_no_longer_be_made_each_is_told_why_and_nobody_tries_for_ever(
+    session: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("QROBOT_RUNTIME_DIR", str(session / "gone" / "qrobot"))
+    for serve in (
+        lambda: SharedMemory.create("a", 1, 64),
+        lambda: ControlSocket(ARM, lambda _visitor, line: line, lambda _visitor: None),
+        lambda: offered_token(5600).__enter__(),
+    ):
+        with pytest.raises(LinkError, match=r"there is no .*/gone; .* logs out"):
+            serve()
+    lease = Lease(Authority(ARM))
+    assert not lease.take(lease, "a program")
+    assert "cannot be commanded" in lease.refusal
+    assert not lease.taken
 
 
 def test_a_session_folder_on_a_disk_is_passed_over_and_a_chosen_one_is_refused(
