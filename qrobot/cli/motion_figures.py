@@ -15,6 +15,7 @@ from qrobot.model.arm import Arm
 from qrobot.rccl.setpoints import Setpoints
 from qrobot.units import DEG_PER_RAD, MM_PER_M
 
+NEAR: Final = 250  # [A] samples by which a place may lie before or behind the one asked for: 7 s at 28 ms
 _PROJECTIONS: Final = ((1, "x", "y"), (2, "x", "z"), (3, "y", "z"))  # place in the figure, axes
 _AXIS: Final = {"x": 0, "y": 1, "z": 2}
 WIDE: Final = {"color": COLOURS[0], "linewidth": 3.0, "alpha": 0.4}
@@ -85,10 +86,15 @@ def path_of(robot: Robot, q: Floats) -> Floats:
 
 
 def farthest_off(asked: Floats, measured: Floats) -> float:
-    """The largest distance of a place of `measured` (k, 3) from the way through the places of `asked` (m, 3)."""
-    begin, along = asked[:-1], np.diff(asked, axis=0)
+    """The largest distance of a place of `measured` from the way through the places of `asked` of about that time.
+
+    Sample by sample; the way is that of NEAR samples before and behind. Shapes (m, 3).
+    """
+    along = np.diff(asked, axis=0, prepend=asked[:1])  # to each place from the one before
+    begin = asked - along
     square = np.maximum(np.square(along).sum(axis=1), np.finfo(np.float64).tiny)
-    return max(_distance(place, begin, along, square) for place in measured)
+    near = [slice(max(0, k - NEAR), k + NEAR + 1) for k in range(len(measured))]
+    return max(_distance(place, begin[k], along[k], square[k]) for place, k in zip(measured, near, strict=True))
 
 
 def _distance(place: Floats, begin: Floats, along: Floats, square: Floats) -> float:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
+from typing import Final
 
 from qrobot import rccl
 from qrobot.cli.console import note, out
@@ -13,6 +15,8 @@ from qrobot.log.plot import save_figure
 from qrobot.rccl.setpoints import write_setpoints
 from qrobot.rccl.trace import Trace
 from qrobot.rci import LinkFactory
+
+FIGURED: Final = 10_000  # [A] samples in the figures: their end of a run of weeks is drawn in seconds
 
 
 def run_traced(program: Callable[[], int], factory: LinkFactory, folder: Path, ideal: bool) -> int:
@@ -49,10 +53,21 @@ def _write_trace(trace: Trace, folder: Path, suffix: str, ideal: bool) -> None:
     if not len(setpoints.q):
         return
     write_setpoints(folder / f"setpoints{suffix}.csv", setpoints)
-    asked = path_of(trace.robot, setpoints.q)
-    measured = None if ideal else path_of(trace.robot, trace.measured)
-    save_figure(joints_figure(trace.robot, setpoints), folder / f"joints{suffix}.png")
+    if trace.begin_s:
+        note(f"the setpoints before {trace.begin_s:.3f} s are not kept: those in the file begin there")
+    _write_figures(trace, folder, suffix, ideal)
+    note(f"{len(setpoints.q)} setpoints, the requests and two figures are in {folder}")
+
+
+def _write_figures(trace: Trace, folder: Path, suffix: str, ideal: bool) -> None:
+    """Joints and path of the newest FIGURED samples, and how far the measured path is off the one asked for."""
+    setpoints = trace.setpoints
+    shown = replace(setpoints, q=setpoints.q[-FIGURED:])
+    if len(shown.q) < len(setpoints.q):
+        note(f"the figures show the last {shown.t[-1]:.0f} s")
+    asked = path_of(trace.robot, shown.q)
+    measured = None if ideal else path_of(trace.robot, trace.measured[-FIGURED:])
+    save_figure(joints_figure(trace.robot, shown), folder / f"joints{suffix}.png")
     save_figure(path_figure(trace.robot.name, asked, measured), folder / f"path{suffix}.png")
     if measured is not None:
         note(f"the measured way is at most {farthest_off(asked, measured):.2f} mm off the one asked for")
-    note(f"{len(setpoints.q)} setpoints, the requests and two figures are in {folder}")

@@ -1,11 +1,13 @@
-"""Execution traces: what became of each request of a program, and every setpoint that went out.
+"""Execution traces: what became of each request of a program, and the setpoints that went out.
 
-`use(factory, traces)` fills a list with one trace for each time the program takes control of an arm.
+`use(factory, traces)` fills a list with one trace for each time the program takes control of an arm. A trace keeps the
+newest of them, so that a program may run for weeks.
 """
 
 from __future__ import annotations
 
 import json
+from collections import deque
 from dataclasses import asdict, dataclass
 from typing import Any, Final
 
@@ -16,6 +18,9 @@ from qrobot.config import Robot
 from qrobot.motion import EventKind, MotionEvent, MoveRequest, Termination
 from qrobot.rccl.setpoints import Setpoints
 
+KEPT_SAMPLES: Final = 250_000  # [A] two hours at 28 ms, and 90 MB
+KEPT_REQUESTS: Final = 10_000  # [A]
+_STILL_TOLD: Final = 8  # [A] ended requests of which more may be told: that the arm has lost its goal
 _HEADING: Final = f"{'':>4}  {'position':<16} {'mode':<10} {'asked':>9} {'begun':>9} {'ended':>9}  how it ended"
 
 
@@ -62,40 +67,41 @@ def reason_of(code: int) -> str:
 
 
 class Trace:
-    """One hold of one arm.
+    """One hold of one arm, the newest KEPT_SAMPLES and KEPT_REQUESTS of it.
 
     Args:
         robot: the arm.
         period_s: sample period.
-
-    Attributes:
-        requests: in the order in which the program asked.
     """
 
     def __init__(self, robot: Robot, period_s: float) -> None:
         self.robot = robot
-        self.requests: list[TracedRequest] = []
+        self._requests: deque[TracedRequest] = deque(maxlen=KEPT_REQUESTS)
         self._period_s = period_s
+        self._asked = self._samples = 0
         self._open: dict[MoveRequest, TracedRequest] = {}
-        self._q: list[Floats] = []
-        self._measured: list[Floats] = []
+        self._ended: deque[MoveRequest] = deque()
+        self._q: deque[Floats] = deque(maxlen=KEPT_SAMPLES)
+        self._measured: deque[Floats] = deque(maxlen=KEPT_SAMPLES)
 
     def asked(self, request: MoveRequest) -> None:
         """The program queued a motion."""
         mode = "joint" if isinstance(request.target, np.ndarray) else request.mode.value
-        traced = TracedRequest(len(self.requests) + 1, request.name, mode, str(request.speed), self._now_s)
-        self.requests.append(traced)
+        self._asked += 1
+        traced = TracedRequest(self._asked, request.name, mode, str(request.speed), self._now_s)
+        self._requests.append(traced)
         self._open[request] = traced
 
     def told(self, event: MotionEvent) -> None:
         """The generator told something."""
         traced = None if event.request is None else self._open.get(event.request)
-        if traced is None:
+        if event.request is None or traced is None:
             return
         if event.kind is EventKind.BEGUN:
             traced.begun_s = self._now_s
         elif event.kind is EventKind.ENDED:
             traced.ended_s, traced.code = self._now_s, event.code
+            self._close(event.request)
         elif event.kind is EventKind.LOST:
             traced.lost_s, traced.lost_code = self._now_s, event.code
 
@@ -103,10 +109,16 @@ class Trace:
         """Setpoints `q` went out while the joints were at `measured`, rad or m. Shapes (n,)."""
         self._q.append(q.copy())
         self._measured.append(measured.copy())
+        self._samples += 1
+
+    @property
+    def requests(self) -> list[TracedRequest]:
+        """The newest requests, in the order in which the program asked."""
+        return list(self._requests)
 
     @property
     def setpoints(self) -> Setpoints:
-        """All that went out."""
+        """All that went out from `begin_s` on."""
         rows = np.array(self._q).reshape(-1, self.robot.n)
         return Setpoints(self.robot.name, round(self._period_s * 1e6), rows)
 
@@ -115,18 +127,35 @@ class Trace:
         """Positions of the joints at each of these samples, rad or m. Shape (samples, n)."""
         return np.array(self._measured).reshape(-1, self.robot.n)
 
+    @property
+    def begin_s(self) -> float:
+        """Time of the first setpoint that is kept; seconds since they began."""
+        return (self._samples - len(self._q)) * self._period_s
+
+    @property
+    def forgotten(self) -> int:
+        """Number of requests, the first ones, that are not kept."""
+        return self._asked - len(self._requests)
+
     def text(self) -> str:
         """The requests as a table; seconds."""
-        return "\n".join([_HEADING, *(request.line() for request in self.requests)]) + "\n"
+        left_out = [f"({self.forgotten} requests before these are not kept)"] if self.forgotten else []
+        return "\n".join([_HEADING, *left_out, *(request.line() for request in self.requests)]) + "\n"
 
     def json_lines(self) -> str:
         """The requests, one JSON object in a line."""
         return "".join(json.dumps(request.to_dict()) + "\n" for request in self.requests)
 
+    def _close(self, request: MoveRequest) -> None:
+        """Note that a request has ended: once some others have too, nothing is told of it any more."""
+        self._ended.append(request)
+        if len(self._ended) > _STILL_TOLD:
+            self._open.pop(self._ended.popleft(), None)
+
     @property
     def _now_s(self) -> float:
         """Time of the setpoint that goes out next."""
-        return len(self._q) * self._period_s
+        return self._samples * self._period_s
 
 
 def add_trace(traces: list[Trace] | None, robot: Robot, period_us: int) -> Trace | None:
