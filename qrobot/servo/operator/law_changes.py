@@ -39,7 +39,7 @@ class LawChanges:
 
     def __init__(self, servo: Controlled) -> None:
         self._servo = servo
-        self._kept = [(servo.law, servo.law_name)]  # the loop may still be in one: none is ever let go
+        self._kept = {servo.law.address: (servo.law, servo.law_name)}  # the loop may still be in one: no code is let go
         self._names_told, self._names_noted = 0, ""
         self._note_swap()
 
@@ -65,7 +65,7 @@ class LawChanges:
         ask_for_settings(servo.swap, law.values)
         _wait_for_swap(servo.swap)
         servo.law = law
-        self._kept.append((law, servo.law_name))
+        self._kept[law.address] = (law, servo.law_name)
         self._note_swap()
         servo.say(f"law {servo.law_name}: {settings_text(law.chosen)}")
 
@@ -82,7 +82,7 @@ class LawChanges:
             raise _not_now(mode)
         check_gains(servo.robot, servo.settings, name, gains, law.chosen)
         self._note_names(servo.mailbox.snapshot())
-        self._kept.append((law, name))
+        self._kept.setdefault(law.address, (law, name))
         ask_for_law(servo.swap, law, gains)
         result = _wait_for_swap(servo.swap)
         if result == NOT_NOW:
@@ -91,7 +91,7 @@ class LawChanges:
             raise QRobotError(f"law {name} gives no finite torque where the arm stands: it has not been taken")
         if result == OUT_OF_BOUNDS:
             raise QRobotError(f"law {name} writes past the end of an array where the arm stands: it has not been taken")
-        servo.law, servo.law_name = law, name
+        servo.law, servo.law_name = self._kept[law.address] = law, name
         describe_law(servo.mailbox.words, law_label(name))
         self._note_swap()
         servo.say(f"law {name}, gains Kp {_listed(gains[KP])} Kv {_listed(gains[KV])}")
@@ -117,7 +117,7 @@ class LawChanges:
         servo, address = self._servo, int(self._servo.swap.law_at)
         if address == servo.law.address:
             return
-        servo.law, servo.law_name = next(kept for kept in reversed(self._kept) if kept[0].address == address)
+        servo.law, servo.law_name = self._kept[address]
         describe_law(servo.mailbox.words, law_label(servo.law_name))
         self._note(now.t_ns, now.tick)
         servo.say(f"law {servo.law_name} is in force again: the one after it has failed")

@@ -2,25 +2,27 @@
 
 from __future__ import annotations
 
+import threading
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, cast
 
+import numpy as np
 import pytest
 
-from qrobot.errors import LinkError
+from qrobot.errors import LinkError, QRobotError
 from qrobot.log.events import log_events
 from qrobot.log.read import Log, read_log
 from qrobot.log.record import write_log
 from qrobot.servo.laws import find_law
-from qrobot.servo.laws.law import Law
-from qrobot.servo.laws.law_swap import SwapState, fall_back
+from qrobot.servo.laws.law import Law, Setting
+from qrobot.servo.laws.law_swap import NOT_NOW, SwapState, fall_back
 from qrobot.servo.memory.law_history import JournalReader
 from qrobot.servo.memory.mailbox import ServoMailbox
 from qrobot.servo.memory.servo_memory import journal_base
 from qrobot.servo.operator import law_changes
 from qrobot.servo.operator.law_changes import LawChanges
-from qrobot.servo.operator.messages import ChangeGains
+from qrobot.servo.operator.messages import ChangeGains, ChangeLaw
 from tests.support.log_samples import make_header
 from tests.support.puma import ROBOT
 from tests.support.servo_bench import ServoBench
@@ -115,6 +117,30 @@ def test_a_law_that_failed_is_told_for_the_cycles_it_was_in_force(servo: Servo, 
     assert [law.law for law in laws if law is not None] == ["qrobot", "pd", "pd", "qrobot"]
     assert [event.text for event in log_events(log) if event.kind == "law"] == ["law qrobot -> pd", "law pd -> qrobot"]
     assert servo.said[-1] == "law qrobot is in force again: the one after it has failed"
+
+
+def test_a_servo_keeps_a_law_once_however_often_its_gains_and_its_settings_are_changed(servo: Servo) -> None:
+    """The process whose memory is locked must not be the one that runs out."""
+    kv = np.array(servo.robot.control.kv)
+    for share in np.linspace(0.9, 1.0, 20):
+        servo.changes.change_gains(ChangeGains(kv=tuple(share * kv)))
+    assert len(servo.changes._kept) == 1
+    setting = Setting("softness", 1.0, 0.0, 2.0, "", "how soft")
+    servo.law = Law(servo.law.body, (setting,), compliant=True)
+    for softness in np.linspace(1.0, 2.0, 20):
+        servo.changes.change_law(ChangeLaw(name="qrobot", settings={"softness": softness}), threading.Event())
+    (kept, _name), *others = servo.changes._kept.values()
+    assert (kept, others) == (servo.law, [])
+    assert kept.chosen == {"softness": 2.0}
+
+
+def test_a_change_that_was_refused_is_not_what_is_kept_of_a_law(servo: Servo, monkeypatch: pytest.MonkeyPatch) -> None:
+    before = servo.law
+    again = Law(before.body, before.settings, before.values, before.signals)
+    monkeypatch.setattr(law_changes, "maybe_swap_result", lambda _: NOT_NOW)
+    with pytest.raises(QRobotError, match="not in mode"):
+        servo.changes._swap(again, "again", servo.bench.state.swap.gains.copy())
+    assert servo.changes._kept == {before.address: (before, "qrobot")}
 
 
 def test_names_that_cannot_be_dated_are_noted_at_the_next_look(
