@@ -24,7 +24,9 @@ from qrobot.cli.console import SUCCESS, note
 from qrobot.cli.option_types import RateHz
 from qrobot.config.deployment import DeployedArm, Interpolation, Velocity, guardian_objection
 from qrobot.errors import ConfigError
+from qrobot.realtime.lasting_folder import lasting_advice
 from qrobot.realtime.own_process import own_command
+from qrobot.realtime.runtime_folder import runtime_path
 from qrobot.report import QueuedReport, Report
 
 if TYPE_CHECKING:
@@ -92,6 +94,8 @@ def servo(
         choices = f"law {settings.law}, velocity by {settings.velocity}, {settings.interpolation} interpolation"
         choices += f", model {identified}" if identified else ""
         choices += f", tool up to {settings.reduced_speed_m_s * 1e3:g} mm/s" if settings.reduced_speed_m_s else ""
+        if advice := lasting_advice(runtime_path()):
+            told(advice)
         told(f"servo of {chosen.name} ({robot.name}) runs at {settings.rate_hz:g} Hz: {choices}")
 
     card = card_of_arm(chosen)

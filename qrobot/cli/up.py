@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING
 from qrobot.cli.arms import DEFAULT_DEPLOYMENT, neighbours_of_arm, robot_of_arm, servo_settings
 from qrobot.cli.console import SUCCESS, note
 from qrobot.cli.option_types import OutputFolder, checked_folder
+from qrobot.realtime.lasting_folder import lasting_advice
+from qrobot.realtime.runtime_folder import runtime_path
 from qrobot.report import QueuedReport, Report
 
 if TYPE_CHECKING:
@@ -60,6 +62,8 @@ def up(
             checked_folder(Path(arm.log.directory))
     with QueuedReport(note) as told, ProcessRig(out_dir) as rig:  # no line may keep the processes from being ended
         look = _looks(rig, told)
+        if advice := lasting_advice(runtime_path()):
+            told(advice)
         for arm in arms:
             told(f"starting {arm.name} (a first start compiles for half a minute or more)")
             ArmProcesses(rig, deployment, arm, ("--reduced-speed",) if reduced_speed else ()).start_all()
