@@ -7,10 +7,11 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from qrobot.arrays import Words
+from qrobot.arrays import Floats, Words
 from qrobot.cli.console import note
 from qrobot.config import Robot, load_robot
 from qrobot.config.deployment import DeployedArm, load_deployment
+from qrobot.config.drives import POSITION_END
 from qrobot.config.force_calibration import ForceCalibration, calibration_of_emulated
 from qrobot.config.identified import load_model, with_model
 from qrobot.config.outputs import BoardAnalogOutput, BoardOutput
@@ -203,6 +204,8 @@ def check_drives(arm: DeployedArm) -> None:
     count = len(drives.nodes)
     if count < robot.n:
         raise ConfigError(f"drives.nodes of {arm.name} names {count} drives, {robot.name} has {robot.n} joints")
+    if drives.absolute:
+        _require_positions_within(POSITION_END, drives.positions_over(robot), arm.name)
     right = drives.torque_for(robot)
     if wrong := [joint + 1 for joint, each in enumerate(right) if each != drives.torque_permille[joint]]:
         raise ConfigError(
@@ -211,6 +214,17 @@ def check_drives(arm: DeployedArm) -> None:
             f"[{', '.join(f'{each:g}' for each in right)}], where positive torque lets each drive's position rise; "
             "that is set in the drive (its polarity), not here"
         )
+
+
+def _require_positions_within(end: int, positions: Floats, arm: str) -> None:
+    """Raise ConfigError for the first joint whose drive would show `end` or more at one end of its range, (2, n)."""
+    for joint, (one, other) in enumerate(positions.T.tolist(), 1):
+        if max(abs(one), abs(other)) >= end:
+            raise ConfigError(
+                f"drives.counts_at_zero of {arm}: the position of joint {joint}'s drive goes from {one:.0f} to "
+                f"{other:.0f} over its range, and begins anew at {end}: after power-up there its counter would be "
+                "wrong; home the drive, or set its position offset, so that it shows less, and counts_at_zero by that"
+            )
 
 
 def force_calibration_of(arm: DeployedArm) -> ForceCalibration | None:

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Final, Literal
 
 import numpy as np
 from pydantic import Field, model_validator
 
+from qrobot.arrays import Floats
 from qrobot.config.can import can_node
 from qrobot.config.document import Table
-from qrobot.config.robot import Robot
+from qrobot.config.robot import Robot, counter_ends
+
+POSITION_END: Final = 1 << 31  # of a position of CiA 402, object 0x6064: 32 bits with a sign
 
 Node = Annotated[int, Field(ge=1, le=127)]
 DriveMode = Literal["torque", "position"]
@@ -24,7 +27,8 @@ class DrivesTransport(Table):
     rises: each sign has to be the opposite of that of `dac_per_Nm` * radians per count * `increments_per_count`, and
     any other is refused. `increments_per_count` is the drive's position increments for a count of the robot file; a
     negative number turns the direction around. `counts_at_zero` is the counter at the drive's position 0; with
-    `absolute` encoders it is right after power-up too, and the arm is calibrated by it. Position mode needs that.
+    `absolute` encoders it is right after power-up too, and the arm is calibrated by it: a joint over whose range such
+    a drive's position of 32 bits would begin anew is refused. Position mode needs that.
 
     All drives keep their last torque while the answer of one is waited for: `timeout_ms`, and no longer than
     `servo.board_timeout_ms`. Then they are switched off, in position mode stopped quickly.
@@ -80,3 +84,10 @@ class DrivesTransport(Table):
         scale = robot.transmission.dac_per_Nm * robot.transmission.rad_per_count
         signs = -np.sign(scale[:n] * np.array(self.increments_per_count[:n]))
         return tuple((signs * np.abs(self.torque_permille[:n])).tolist())
+
+    def positions_over(self, robot: Robot) -> Floats:
+        """Increments that the drives of a robot's joints show at the ends of their counters. Shape (2, n)."""
+        n = min(robot.n, len(self.nodes))
+        ends = np.stack(counter_ends(robot.limits, robot.guard, robot.transmission))[:, :n]
+        positions: Floats = (ends - self.counts_at_zero[:n]) * self.increments_per_count[:n]
+        return positions

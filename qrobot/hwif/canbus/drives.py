@@ -211,8 +211,7 @@ class DrivesBus:
                 raise RemoteProtocolError(
                     f"TPDO 1 of node {self._transport.nodes[channel]} is too short: check its mapping"
                 )
-            drive = self._drives[channel]
-            drive.status, drive.position = FROM_DRIVE.unpack_from(bytes(message.data))
+            self._drives[channel].hear(*FROM_DRIVE.unpack_from(bytes(message.data)))
 
     @property
     def _powered(self) -> bool:

@@ -19,11 +19,19 @@ _WRAP: Final = 1 << 32  # of references and of positions
 
 @dataclass
 class DriveFeedback:
-    """Feedback of a drive: status word, position in increments, counts to add to it."""
+    """Feedback of a drive: status word, position in increments, counts to add to it.
+
+    The position goes on where that of the drive, of 32 bits, begins anew.
+    """
 
     loaded: int
     status: int = 0
     position: int = 0
+
+    def hear(self, status: int, position: int) -> None:
+        """Take over what the drive shows."""
+        self.status = status
+        self.position += _signed(position - self.position)
 
     @property
     def state(self) -> DriveState:
@@ -128,7 +136,7 @@ class PositionSetpoints:
         """See `DriveSetpoints`."""
         reference = self._references[channel]
         if drive.state is not DriveState.ENABLED:
-            self._targets[channel] = drive.position
+            self._targets[channel] = _signed(drive.position)
         elif driven and reference is not None:
             self._targets[channel] = self._target(drive, self._increments[channel], reference)
         return self._targets[channel]
