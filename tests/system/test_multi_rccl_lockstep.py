@@ -57,7 +57,7 @@ def test_the_dual_arm_program_grasps_and_carries_what_its_camera_tracks_s08(caps
     assert run("--lockstep", "--deployment", "two_arms", str(EXAMPLES / "22_two_hands.py")) == 0
     found = re.search(r"the hands came ([0-9.]+) mm closer", capsys.readouterr().out)
     assert found is not None
-    assert 0.0 < float(found[1]) < 2.0
+    assert 0.0 < float(found[1]) < 3.0  # 1.1 mm on the way, the rest where they come to rest slowly
 
 
 @pytest.mark.parametrize(
