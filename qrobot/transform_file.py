@@ -11,7 +11,6 @@ in one step, under a lock: a reader sees all of it or nothing of it, and of two 
 
 from __future__ import annotations
 
-import os
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -26,7 +25,7 @@ from qrobot.model.orientation import rpy_angles
 from qrobot.model.transform import rpy, transform
 from qrobot.realtime.file_lock import lock_alone
 from qrobot.units import DEG_PER_RAD, M_PER_MM, MM_PER_M, RAD_PER_DEG
-from qrobot.whole_file import replace_file
+from qrobot.whole_file import probe_folder, replace_file
 
 _COLUMNS: Final = ("x", "y", "z", "roll", "pitch", "yaw")
 PATIENCE_S: Final = 5.0  # with somebody else who writes the file, which takes a second on a slow disk
@@ -65,8 +64,16 @@ class TransformFile:
     def check(self) -> None:
         """Raises ConfigError when a transform could not be recorded: the file cannot be read, or not be written."""
         self.values()
-        if not os.access(self._path if self._path.exists() else self._path.parent, os.W_OK):
-            raise ConfigError(f"cannot write {self._path}: is there such a folder, and may you write there?")
+        if not self._path.parent.is_dir():
+            raise ConfigError(f"cannot write {self._path}: is there such a folder?")
+        try:
+            if self._path.exists():
+                with self._path.open("ab"):
+                    pass
+            for folder in {self._path.parent, self._path.resolve().parent}:  # its lock, and what takes its place
+                probe_folder(folder)
+        except OSError as error:
+            raise ConfigError(f"cannot write {self._path}: {error_text(error)}") from error
 
     def write(self, name: str, value: Floats) -> None:
         """Put a pose, shape (4, 4), m, under a name; one of the same name is replaced.

@@ -10,6 +10,14 @@ from pathlib import Path
 from typing import Final
 
 NEW_FILE: Final = 0o644
+PROBE_BYTES: Final = 4096  # a full disk takes an empty file
+
+
+def probe_folder(folder: Path) -> None:
+    """Raise OSError when there can be no new file in a folder; one without a name is made, written and forgotten."""
+    with tempfile.TemporaryFile(dir=folder) as probe:
+        probe.write(bytes(PROBE_BYTES))
+        probe.flush()
 
 
 def replace_file(path: Path, text: str, encoding: str = "utf-8") -> None:

@@ -15,7 +15,7 @@ from qrobot.cli.board_check import check
 from qrobot.cli.board_replay import replay
 from qrobot.cli.board_show import force, show
 from qrobot.cli.console import note
-from qrobot.cli.option_types import OutputFile
+from qrobot.cli.option_types import OutputGrowing
 from qrobot.config.deployment import DeployedArm
 from qrobot.config.scene import SceneKind
 from qrobot.errors import ConfigError
@@ -42,7 +42,7 @@ def board(
     faults: Path | None = None,
     scene: SceneKind | None = None,
     serve: Annotated[tuple[str, ...], Parameter(negative="")] = (),
-    record: OutputFile | None = None,
+    record: OutputGrowing | None = None,
 ) -> None:
     """Emulate a TRC004 board and the arm behind it, or be the gateway to a board, until Ctrl-C.
 

@@ -21,6 +21,7 @@ from rich.text import Text
 from qrobot.errors import ConfigError, QRobotError
 from qrobot.extras import missing_extra
 from qrobot.printable import printable
+from qrobot.whole_file import replace_file
 
 PROGRAM: Final = "qrobot"
 
@@ -107,7 +108,7 @@ def write_json(value: Any, path: Path | None = None) -> None:
     else:
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
-            path.write_text(text + "\n")
+            replace_file(path, text + "\n")
         except OSError as error:
             raise ConfigError(f"cannot write {path}: {error.strerror}") from None
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 import os
-import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from importlib.util import find_spec
@@ -22,9 +21,9 @@ from qrobot.errors import ConfigError, LogError, error_text
 from qrobot.extras import missing_extra
 from qrobot.servo.calibration.state import FEWEST_INDEXES, MOST_INDEXES
 from qrobot.servo.settings import HIGHEST_RATE_HZ, LOWEST_RATE_HZ
+from qrobot.whole_file import probe_folder
 from qrobot.wire.vocabulary import LARGEST_OVERRIDE
 
-PROBE_BYTES: Final = 4096  # a full disk takes an empty file
 PARQUET: Final = ".parquet"
 SHOWN_DIGITS: Final = 40  # of a number that is none
 MOST_GAIN: Final = 1e12  # [A] above the stiffest joint by far; the servo knows what its arm bears
@@ -60,7 +59,12 @@ class Range:
 
 
 def require_writable_file(path: Path) -> None:
-    """Raise ValueError when `path` cannot be written; nothing is changed, and an existing file is left as it is."""
+    """Raise ValueError when `path` cannot be written whole; nothing is changed, and an existing file stays as it is."""
+    _tell(path, _try_whole_file)
+
+
+def require_growing_file(path: Path) -> None:
+    """Raise ValueError when `path` cannot be written piece by piece, into a file that may be there."""
     _tell(path, _try_file)
 
 
@@ -96,10 +100,12 @@ class FileOfKind:
     Attributes:
         what: it is, with its article.
         suffixes: in small letters.
+        require: what raises ValueError when it cannot be written.
     """
 
     what: str
     suffixes: tuple[str, ...]
+    require: Callable[[Path], None] = require_writable_file
 
     def __call__(self, path: Path) -> None:
         """Raises ValueError with the suffixes that are wanted, or the extra that is missing."""
@@ -107,7 +113,7 @@ class FileOfKind:
             raise ValueError(f"cannot write {path}: {self.what} ends in {' or '.join(self.suffixes)}")
         if suffix == PARQUET and find_spec("pyarrow") is None:
             raise ValueError(missing_extra(ModuleNotFoundError(name="pyarrow")))
-        require_writable_file(path)
+        self.require(path)
 
 
 def require_writable_film(path: Path) -> None:
@@ -143,13 +149,17 @@ def _try_file(path: Path) -> None:
         raise OSError("it is a folder, and a file is wanted" if path.is_dir() else "it may not be written")
 
 
+def _try_whole_file(path: Path) -> None:
+    _try_file(path)
+    if path.is_file():  # another one will take its place
+        probe_folder(path.resolve().parent)
+
+
 def _try_folder(folder: Path) -> None:
     place = next(place for place in (folder, *folder.absolute().parents) if place.exists())
     if not place.is_dir():
         raise OSError(f"{place} is no folder")
-    with tempfile.TemporaryFile(dir=place) as probe:
-        probe.write(bytes(PROBE_BYTES))
-        probe.flush()
+    probe_folder(place)
 
 
 def _each_path(require: Callable[[Path], None]) -> Callable[[Any, Path | None], None]:
@@ -158,6 +168,7 @@ def _each_path(require: Callable[[Path], None]) -> Callable[[Any, Path | None], 
 
 
 OutputFile = Annotated[Path, Parameter(validator=_each_path(require_writable_file))]
+OutputGrowing = Annotated[Path, Parameter(validator=_each_path(require_growing_file))]
 OutputFilm = Annotated[Path, Parameter(validator=_each_path(require_writable_film))]
 OutputFolder = Annotated[Path, Parameter(validator=_each_path(require_writable_folder))]
 OutputLog = Annotated[Path, Parameter(validator=_each_path(require_writable_log))]
@@ -170,7 +181,9 @@ OutputArrays = Annotated[
 OutputModel = Annotated[Path, Parameter(validator=_each_path(FileOfKind("a model", (".toml",))))]
 OutputRobot = Annotated[Path, Parameter(validator=_each_path(FileOfKind("a robot file", (".toml",))))]
 OutputPage = Annotated[Path, Parameter(validator=_each_path(FileOfKind("a page", (".html",))))]
-OutputResults = Annotated[Path, Parameter(validator=_each_path(FileOfKind("a results file", (".jsonl",))))]
+OutputResults = Annotated[
+    Path, Parameter(validator=_each_path(FileOfKind("a results file", (".jsonl",), require_growing_file)))
+]
 
 Seconds = Annotated[float, Parameter(validator=Range(0.0, unit="s"))]
 RateHz = Annotated[float, Parameter(validator=Range(LOWEST_RATE_HZ, HIGHEST_RATE_HZ, "Hz"))]

@@ -12,7 +12,7 @@ import pytest
 from qrobot import rccl
 from qrobot.cli.console import run_app
 from qrobot.cli.main import make_app
-from qrobot.errors import MotionError
+from qrobot.errors import ConfigError, MotionError
 from qrobot.model.orientation import axis_angle
 from qrobot.rccl.offline import OfflineLink
 from qrobot.rccl.teach import Teacher
@@ -159,6 +159,18 @@ def test_a_data_base_in_which_nothing_could_be_recorded_is_refused_before_the_ar
     (tmp_path / "bad.db").write_text("HOLE 1 2 3 nan 0 0\n")
     assert run_app(make_app("teach"), ["teach", "--offline", str(tmp_path / database)]) in (1, 2)
     assert complaint in capsys.readouterr().err
+
+
+def test_a_data_base_in_whose_folder_nothing_can_be_written_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(**_: object) -> None:
+        raise PermissionError(13, "Permission denied")
+
+    (tmp_path / "parts.db").touch()
+    monkeypatch.setattr("tempfile.TemporaryFile", refuse)
+    with pytest.raises(ConfigError, match=r"cannot write .*parts\.db: Permission denied"):
+        rccl.DataBase(tmp_path / "parts.db").check()
 
 
 def test_a_script_that_is_not_there_is_refused(tmp_path: Path, capsys) -> None:

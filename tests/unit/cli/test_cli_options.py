@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 import sys
+import tempfile
 import types
 import typing
 from collections.abc import Iterator
@@ -44,6 +45,13 @@ READ: Final = {
     "--with",
 }
 """Paths that a command reads; by command and name where another command writes one of that name."""
+GROWING: Final = {"board --record", "log record --output", "identify record --output"} | {
+    f"{command} {option}"
+    for command, option in (
+        ("run", "--log"), ("val run", "--log"), ("study identify", "--output"), ("study gains", "--output")
+    )
+}  # fmt: skip
+"""What is written piece by piece, into a file that may be there; others put a new one in its place."""
 WORDS: Final[dict[str, tuple[str, ...]]] = {
     "--deployment": ("nowhere", "/", "/dev/null", "missing.toml", ""),
     "--arm": ("nobody", "", "../x"),
@@ -161,6 +169,7 @@ NUMERIC: Final = tuple(option for option in OPTIONS if {int, float} & option.kin
 PATHS: Final = tuple(option for option in OPTIONS if Path in option.kinds)
 WRITTEN: Final = tuple(option for option in PATHS if not is_read(option))
 OF_A_KIND: Final = tuple(option for option in WRITTEN if option.suffixes)
+WHOLE: Final = tuple(option for option in WRITTEN if str(option) not in GROWING)
 READ_PATHS: Final = tuple(option for option in PATHS if is_read(option))
 WORDED: Final = tuple(
     option for option in OPTIONS if str in option.kinds and (*option.command, option.name) not in FREE
@@ -224,6 +233,21 @@ def test_what_cannot_be_written_is_refused(capsys: pytest.CaptureFixture[str], t
         assert f"cannot write {place}: " in refused(capsys, option.tokens(str(place)), 2)
 
 
+def refuse_folder(**_: object) -> None:
+    raise PermissionError(13, "Permission denied")
+
+
+@pytest.mark.parametrize("option", WHOLE, ids=str)
+def test_a_file_is_refused_in_whose_folder_there_can_be_no_other_to_take_its_place(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, option: Option
+) -> None:
+    place, probe = tmp_path / f"x{next(iter(option.suffixes), '')}", tempfile.TemporaryFile
+    place.touch()
+    monkeypatch.setattr("tempfile.TemporaryFile", lambda dir: refuse_folder() if dir == tmp_path else probe(dir=dir))
+    assert f"cannot write {place}: " in refused(capsys, option.tokens(str(place)), 2)
+    assert place.read_bytes() == b""
+
+
 @pytest.mark.parametrize("option", OF_A_KIND, ids=str)
 def test_a_file_of_another_kind_is_not_written_over(
     capsys: pytest.CaptureFixture[str], tmp_path: Path, option: Option
@@ -257,11 +281,8 @@ def test_a_table_for_which_a_library_is_missing_is_refused(
 def test_a_folder_that_nobody_named_is_checked_too(
     capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, words: list[str]
 ) -> None:
-    def refuse(**_: object) -> None:
-        raise PermissionError(13, "Permission denied")
-
     (tmp_path / "p.py").write_text("raise SystemExit('it began')\n")
-    monkeypatch.setattr("tempfile.TemporaryFile", refuse)
+    monkeypatch.setattr("tempfile.TemporaryFile", refuse_folder)
     monkeypatch.setattr("qrobot.rig.deployed.bridge_ready", lambda *_: False)
     complaint = refused(capsys, [word.format(folder=tmp_path) for word in words], 1, 2)
     assert "cannot write" in complaint
