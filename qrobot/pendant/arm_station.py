@@ -187,13 +187,24 @@ class ArmStation:
         where = f" at {' and '.join(arm.arm.name for arm in moved)}" if self._reached else ""
         self.tell(f"no page drives: the program is paused{where}; `Drive from here`, and `Go on`")
 
+    def end_program_before(self, off: ArmStation) -> None:
+        """End the program of this arm if it may still take, and power, another arm that was powered `off`."""
+        if self.programs.live and off in self._reached and not off.commanded:
+            self.programs.stop()
+            self.tell(f"{off.arm.name} is powered off: the program that may move it is ended")
+
+    @property
+    def commanded(self) -> bool:
+        """Somebody commands the arm."""
+        return self._commanded
+
     @property
     def bridge(self) -> str:
         """Address of its bridge."""
         return f"{self.arm.bridge.host}:{self.arm.bridge.port}"
 
     def start_program(self, request: PageProgramStart, others: Sequence[ArmStation] = ()) -> None:
-        """Start a program, which may reach the arms of `others` besides.
+        """Start a program, which may reach those arms of `others` besides that are ready for it as this one has to be.
 
         Raises:
             MotionError: the arm is not ready for it, or it was not confirmed.
@@ -203,9 +214,12 @@ class ArmStation:
             raise MotionError(f"the program is not started: {why}")
         state = self._newest
         place = start_text(np.array(state.robot.q), self.robot) if state is not None and not self.watch.problem else ""
-        self.programs.start(request, [self.bridge, *(other.bridge for other in others)], place)
-        self._reached = others
-        self.tell(f"{request.name} is started")
+        unfit = {other: other._why_not_live(request.confirmed) for other in others}
+        reached = [other for other in others if request.manner != "live" or not unfit[other]]
+        self.programs.start(request, [self.bridge, *(other.bridge for other in reached)], place)
+        self._reached = reached
+        left = "".join(f"; not for {other.arm.name}: {unfit[other]}" for other in others if other not in reached)
+        self.tell(f"{request.name} is started{left}")
 
     def start_procedure(self, request: PageProcedureStart) -> None:
         """Begin a step of calibration or identification. Raises MotionError, as `start_program`."""

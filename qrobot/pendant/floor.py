@@ -36,7 +36,7 @@ from qrobot.pendant.page_message import MovingMessage
 from qrobot.pendant.procedure_messages import PageProcedureEnd, PageProcedureKeep, PageProcedureStart
 from qrobot.pendant.procedure_runner import LIVE_STEPS
 from qrobot.pendant.program_messages import PageProgramEnd, PageProgramInterrupt, PageProgramSay, PageProgramStart
-from qrobot.pendant.servo_requests import ANYBODY
+from qrobot.pendant.servo_requests import ANYBODY, POWER_OFF
 from qrobot.wire import State
 
 _log = logging.getLogger(__name__)
@@ -181,7 +181,7 @@ class DriveFloor:
         """The same of what only makes an arm do less."""
         match message:
             case PageAct(name=name) if name in ANYBODY:
-                self._of(message).act(name)
+                self._act_for_anybody(self._of(message), name)
             case PageProgramEnd():
                 self._of(message).programs.end()
             case PageProcedureEnd():
@@ -191,6 +191,13 @@ class DriveFloor:
             case _:
                 return False
         return True
+
+    def _act_for_anybody(self, arm: ArmStation, name: str) -> None:
+        """An action at one arm; power off takes back the programs of other arms as well that may still power it."""
+        with ExitStack() as steps:  # from the last one up
+            for each in self.arms if name == POWER_OFF else ():
+                steps.callback(each.end_program_before, arm)
+            steps.callback(arm.act, name)
 
     def _drive(self, page: PageView, message: Any) -> None:
         """A message of the page that drives the arm."""

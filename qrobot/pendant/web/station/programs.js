@@ -43,7 +43,8 @@ export function makePrograms(root) {
   );
   const player = new Player(scene);
 
-  let programs = [], chosen = null, shown = { arm: -1, run: -1, next: 0, lines: [], loaded: 0 }, looking = false, listed = false;
+  let programs = [], chosen = null, shown = { arm: -1, run: -1, next: 0, lines: [], loaded: 0 }, looking = false, listed = false, asked = [];
+  const driven = () => link.arms.map((_, k) => k).filter((k) => link.status?.arms[k].driver === link.page);
   const facts = () => link.armStatus?.program ?? { run: 0, state: "none" };
   const say = (line) => link.order({ do: "program say", arm: link.chosen, line });
 
@@ -55,9 +56,12 @@ export function makePrograms(root) {
   function offer(on) {
     sure.hidden = !on;
     if (!on) return;
-    const arm = link.chosen; // what is confirmed is about this arm and no other
+    const arm = link.chosen; // what is confirmed is about this arm, and those that the page drives now
+    asked = driven();
+    const names = [arm, ...asked.filter((each) => each !== arm && chosen.language !== "recording")].map((each) => link.arms[each].facts.name);
+    const who = names.length > 1 ? `${names[0]} will move, and ${names.slice(1).join(" and ")} may` : `${names[0]} will move`;
     sure.replaceChildren(
-      el("p", {}, el("b", {}, `⚠ ${link.arms[arm].facts.name} will move`), ` as ${chosen.name} says. Is everybody out of its reach, and the emergency stop at hand? ${chosen.language === "recording" ? "The arm goes slowly to where the recording begins. While no page drives, it is ended; a pause does not hold it." : "While no page drives, the program is paused."}`),
+      el("p", {}, el("b", {}, `⚠ ${who}`), ` as ${chosen.name} says. Is everybody out of ${names.length > 1 ? "their" : "its"} reach, and the emergency stop at hand? ${chosen.language === "recording" ? "The arm goes slowly to where the recording begins. While no page drives, it is ended; a pause does not hold it." : "While no page drives, the program is paused."}`),
       el("button", { id: "start-sure", onclick: () => start("live", arm, true) }, "Start it now"),
       el("button", { onclick: () => offer(false) }, "Cancel"),
     );
@@ -154,7 +158,7 @@ export function makePrograms(root) {
   const show = () => {
     const now = facts(), runs = now.state === "running", mine = link.driving;
     for (const button of buttons) button.disabled = !mine || runs || !chosen;
-    if (!mine || runs) offer(false);
+    if (!mine || runs || String(asked) !== String(driven())) offer(false);
     end.disabled = !runs;
     next.hidden = go.hidden = interrupt.hidden = !now.stepping;
     next.disabled = go.disabled = !runs || !mine;
