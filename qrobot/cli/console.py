@@ -42,9 +42,22 @@ class _Results(Console):
         found = super().size
         return found if self.is_terminal else ConsoleDimensions(PIPE_COLUMNS, found.height)
 
+    def on_broken_pipe(self) -> None:
+        """Let `run_app` end the command: its reader has had enough, which is no failure."""
+        raise  # noqa: PLE0704  # Rich calls this while it handles the BrokenPipeError
 
-out = _Results(highlight=False, markup=False)  # paths and names may have brackets
-err = Console(stderr=True, highlight=False, markup=False)
+
+class _Messages(Console):
+    """A console that nobody has to read."""
+
+    def on_broken_pipe(self) -> None:
+        """Say nothing more; results go on."""
+        self.quiet = True
+
+
+# Paths and names may have brackets, and words between colons that are no pictures.
+out = _Results(highlight=False, markup=False, emoji=False)
+err = _Messages(stderr=True, highlight=False, markup=False, emoji=False)
 
 
 def complain(message: str) -> None:
@@ -96,7 +109,9 @@ def print_table(table: Table) -> None:
     if needed <= out.width:
         out.print(table)
         return
-    wide = Console(width=needed, file=out.file, force_terminal=out.is_terminal, highlight=False, markup=False)
+    wide = Console(
+        width=needed, file=out.file, force_terminal=out.is_terminal, highlight=False, markup=False, emoji=False
+    )
     wide.print(table)
 
 

@@ -14,7 +14,7 @@ from rich.table import Table
 from qrobot.cli.arms import DEFAULT_DEPLOYMENT, LAW_NAMES, choose_arm, robot_of_servo, whole_law_name
 from qrobot.cli.console import SUCCESS, note, out, plain_table, print_table, write_json
 from qrobot.cli.fence_table import fence_table
-from qrobot.cli.option_types import GainsOption, Indexes, LoadKg, Percent, Seconds
+from qrobot.cli.option_types import GainsOption, Indexes, LoadKg, NumberList, Percent, Seconds
 from qrobot.config import Robot
 from qrobot.config.scene import FORCE_AXES
 from qrobot.errors import ConfigError
@@ -188,7 +188,9 @@ def override(percent: Percent, *, where: Where | None = None) -> int:
 
 
 @app.command
-def payload(*, mass: LoadKg, center: str = "0,0,0", inertia: str = "0,0,0,0,0,0", where: Where | None = None) -> int:
+def payload(
+    *, mass: LoadKg, center: NumberList = "0,0,0", inertia: NumberList = "0,0,0,0,0,0", where: Where | None = None
+) -> int:
     """Tell the servo what the arm carries. It goes over to it within half a second, without a bump.
 
     It is in force until the servo ends. What the arm cannot hold at every pose is refused.

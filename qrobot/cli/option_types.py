@@ -200,4 +200,5 @@ ArmCount = Annotated[int, Parameter(validator=Range(1, MOST_ARMS))]
 Workers = Annotated[int, Parameter(validator=Range(1, MOST_WORKERS))]
 Megabytes = Annotated[float, Parameter(validator=Range(LEAST_MB, MOST_MB, "MB"))]
 LoadKg = Annotated[float, Parameter(validator=Range(0.0, MOST_LOAD_KG, "kg"))]
+NumberList = Annotated[str, Parameter(allow_leading_hyphen=True)]  # with commas between them
 StartPlace = Annotated[str, Parameter(allow_leading_hyphen=True)]  # see qrobot.config.start_place

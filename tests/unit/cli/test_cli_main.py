@@ -161,11 +161,12 @@ def test_a_mistake_of_the_program_keeps_its_traceback(app: App) -> None:
         run_app(app, ["slip"])
 
 
-def test_a_reader_that_has_had_enough_is_no_error() -> None:
+@pytest.mark.parametrize("say", ["print", "out.print"])
+def test_a_reader_that_has_had_enough_is_no_error(say: str) -> None:
     code = (
-        "import sys; from qrobot.cli.main import *; from qrobot.cli.console import run_app\n"
+        "import sys; from qrobot.cli.main import *; from qrobot.cli.console import out, run_app\n"
         "from cyclopts import App\napp = App()\n"
-        "@app.default\ndef talk() -> None:\n    for i in range(100000): print(i)\n"
+        f"@app.default\ndef talk() -> None:\n    for i in range(100000): {say}(i)\n"
         "sys.exit(run_app(app, []))"
     )
     piped = f"{sys.executable} -c '{code}' | head -1; exit ${{PIPESTATUS[0]}}"
@@ -173,10 +174,23 @@ def test_a_reader_that_has_had_enough_is_no_error() -> None:
     assert (found.returncode, found.stdout, found.stderr) == (0, "0\n", "")
 
 
+def test_nor_does_one_of_messages_take_results_along() -> None:
+    code = (
+        "import sys; from qrobot.cli.console import note, run_app, write_json\n"
+        "from cyclopts import App\napp = App()\n"
+        "@app.default\ndef talk() -> None:\n    for i in range(20000): note(str(i))\n    write_json([1])\n"
+        "sys.exit(run_app(app, []))"
+    )
+    piped = f"{{ {sys.executable} -c '{code}' 2>&1 >&3 | head -1; exit ${{PIPESTATUS[0]}}; }} 3>&1"
+    found = subprocess.run(["bash", "-c", piped], capture_output=True, text=True, check=False, timeout=PATIENCE_S)
+    assert (found.returncode, found.stderr) == (0, "")
+    assert found.stdout.split() == ["0", "[", "1", "]"]
+
+
 def test_json_goes_to_stdout_or_to_a_file_whose_directory_is_made(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    value = {"rate_hz": 1000.0, "names": ["[a]", "b" * 300]}
+    value = {"rate_hz": 1000.0, "names": ["[a]", "b" * 300, "laws.py:on:x", ":a: a:b:c"]}
     write_json(value)
     assert json.loads(capsys.readouterr().out) == value
     write_json(value, tmp_path / "deep" / "x.json")

@@ -309,3 +309,9 @@ def test_every_word_has_something_that_it_may_not_be(option: Option) -> None:
 def test_a_word_that_cannot_be_is_refused(capsys: pytest.CaptureFixture[str], option: Option) -> None:
     for value in WORDS[option.name]:
         refused(capsys, option.tokens(value), 1, 2)
+
+
+@pytest.mark.parametrize("words", [["--center", "-0.02,0,0.05"], ["--inertia", "0.1,0.1,0.1,-0.01,0,0"]])
+def test_a_list_may_begin_with_a_negative_number(capsys: pytest.CaptureFixture[str], words: list[str]) -> None:
+    assert run_app(make_app(), ["ctl", "payload", "--mass", "1", *words]) == 1
+    assert "no servo of" in capsys.readouterr().err
