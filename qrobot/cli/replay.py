@@ -10,6 +10,7 @@ from qrobot.cli.arms import (
     DEFAULT_DEPLOYMENT,
     choose_arm,
     controlled_robot,
+    fences_of_arm,
     inside_fences,
     robot_of_arm,
     servo_settings,
@@ -73,7 +74,6 @@ def replay(
         Print JSON: of each joint the largest error, rad (m).
     """
     from qrobot.cli.arm_links import link_of
-    from qrobot.motion import motion_limits
     from qrobot.rccl.connect import open_channel
     from qrobot.rccl.position import Position
     from qrobot.rccl.setpoint_tables import write_setpoint_table
@@ -85,7 +85,7 @@ def replay(
         write_setpoint_table(save_as, setpoints)
         note(f"wrote {save_as}")
         return
-    setpoints.check(motion_limits(robot_of_arm(chosen)), str(file))
+    _judge(setpoints, chosen, str(file))  # as `play` does, before the way to the first setpoint
     factory = _lockstep_links(chosen, setpoints.period_us) if lockstep else link_of(chosen)
     period_ms = setpoints.period_us / US_PER_MS
     with inside_fences(chosen), open_channel(factory, chosen.robot, period_ms) as channel:
@@ -100,6 +100,17 @@ def replay(
         return
     error = _in_words(worst, robot)
     out.print(f"{len(setpoints.q)} setpoints in {setpoints.t[-1]:.2f} s; farthest from them: {error}")
+
+
+def _judge(setpoints: Setpoints, arm: DeployedArm, label: str) -> None:
+    """Raise MotionError, JointLimit or FenceCrossed for setpoints that the arm does not take."""
+    from qrobot.motion import motion_limits
+    from qrobot.rccl.setpoints import check_fences, check_fit
+
+    robot = robot_of_arm(arm)
+    check_fit(setpoints, robot.name, setpoints.period_us / 1e6, label)
+    setpoints.check(motion_limits(robot), label)
+    check_fences(setpoints.q, fences_of_arm(arm), label)
 
 
 def _made_up(files: list[Path], smooth_mm: float | None, robot: Robot) -> Setpoints:

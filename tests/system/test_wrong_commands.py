@@ -6,6 +6,7 @@ import os
 import socket
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from qrobot.cli.console import run_app
@@ -13,6 +14,7 @@ from qrobot.cli.main import make_app
 from qrobot.cli.run import bridge_links
 from qrobot.config import load_robot
 from qrobot.config.deployment import load_deployment
+from qrobot.rccl.setpoints import Setpoints, write_setpoints
 from qrobot.realtime.bridge_token import offered_token
 from tests.support.processes import free_port, write_deployment
 
@@ -172,6 +174,24 @@ def test_at_the_bridge_of_another_arm_than_is_looked_for_nothing_is_commanded(
     assert all(word in complaint for word in (f":{arm.bridge.port}", "'cell'", f"'{arm.name}'", "--deployment")), (
         complaint
     )
+
+
+CELL = '[[arm.fences.shape]]\nname = "cell"\nshape = "cylinder"\nkeep = "in"\nradius_m = 0.6\nlength_m = 4.0\n'
+
+
+@pytest.mark.parametrize(
+    ("robot", "fences", "says"), [("stanford", "", "made for stanford, this is puma560"), ("puma560", CELL, "cell")]
+)
+def test_setpoints_are_judged_before_the_arm_goes_to_the_first_of_them(
+    deployment: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], robot: str, fences: str, says: str
+) -> None:
+    deployment.write_text(deployment.read_text() + fences)
+    poses, share = load_robot("puma560").poses, 0.5 - 0.5 * np.cos(np.linspace(0.0, np.pi, 150))
+    led = Setpoints(robot, 28_000, poses["ready"] + np.outer(share, poses["stretched"] - poses["ready"]))
+    write_setpoints(tmp_path / "led.csv", led)
+    complaint = complaint_of(capsys, "replay", tmp_path / "led.csv", "--approach", "--deployment", deployment)
+    assert says in complaint
+    assert "no bridge" not in complaint
 
 
 def _resting_setpoints() -> str:
