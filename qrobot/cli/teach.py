@@ -5,11 +5,15 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from qrobot.cli.arms import DEFAULT_DEPLOYMENT, choose_arm, inside_fences
 from qrobot.cli.console import out
 from qrobot.cli.option_types import OutputFile
-from qrobot.errors import ConfigError, error_text
+from qrobot.errors import ConfigError, LinkError, MotionError, QRobotError, ServoFault, error_text
+
+if TYPE_CHECKING:
+    from qrobot.rccl.teach import Teacher
 
 PROMPT = "? "
 
@@ -24,8 +28,8 @@ def teach(
 ) -> None:
     """Move an arm by commands in world or tool coordinates, and record where it is into a transform data base.
 
-    Type help for the commands. Mistakes, and motions that cannot be done, are told and end nothing. What was recorded
-    is for programs: DataBase(path).get(name) of the library.
+    Type help for the commands. Mistakes, and motions that cannot be done, are told and end nothing; the first one ends
+    a script. What was recorded is for programs: DataBase(path).get(name) of the library.
 
       qrobot teach parts.db
       echo "world dz -20" | qrobot teach --offline
@@ -54,11 +58,22 @@ def teach(
     chosen = choose_arm(deployment, arm)
     with inside_fences(chosen), open_channel(link_of(chosen, offline), chosen.robot) as channel:
         teacher = Teacher(channel, taught)
-        for line in lines:
-            if answer := teacher.obey(line):
+        reads_answers = script is None and sys.stdin.isatty()
+        for number, line in enumerate(lines, 1):
+            if answer := teacher.obey(line) if reads_answers else _carried_out(teacher, line, number):
                 out.print(answer, markup=False, soft_wrap=True)
             if teacher.over:
                 break
+
+
+def _carried_out(teacher: Teacher, line: str, number: int) -> str:
+    """Answer to a line of a script, whose next ones count on it. Raises QRobotError: it could not be done."""
+    try:
+        return teacher.carry_out(line)
+    except (LinkError, ServoFault):
+        raise
+    except QRobotError as error:
+        raise MotionError(f"line {number}, {line.strip()!r}: {error}; nothing behind it was done") from error
 
 
 def _typed() -> Iterator[str]:

@@ -66,18 +66,22 @@ class Stepper:
         Raises:
             LinkError, ServoFault: the arm is lost.
         """
+        try:
+            return self.carry_out(line)
+        except (LinkError, ServoFault):
+            raise
+        except QRobotError as error:
+            return f"error: {error}"
+
+    def carry_out(self, line: str) -> str:
+        """`obey` of a line whose answer nobody reads. Raises QRobotError too for what cannot be done."""
         words = line.partition("#")[0].split()
         if not words:
             return ""
         command = self._commands.get(words[0])
         if command is None:
-            return f"error: unknown command {words[0]!r}; try help"
-        try:
-            return command(words[1:])
-        except (LinkError, ServoFault):
-            raise
-        except QRobotError as error:
-            return f"error: {error}"
+            raise MotionError(f"unknown command {words[0]!r}; try help")
+        return command(words[1:])
 
     def _step(self, words: list[str], in_world: bool, axes: Floats | None = None) -> str:
         step = _small_move(words) if axes is None else along_axes(_small_move(words), axes)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import re
 from collections.abc import Iterator
 from pathlib import Path
@@ -134,14 +135,28 @@ def test_the_hand_park_and_the_end(teacher: Teacher) -> None:
     assert teacher.over
 
 
-def test_the_command_reads_a_script_and_goes_on_after_mistakes(tmp_path: Path, capsys) -> None:
+def test_the_command_reads_a_script(tmp_path: Path, capsys) -> None:
     script, taught = tmp_path / "script.txt", tmp_path / "taught.db"
-    script.write_text("jump\nworld dx -40\nrecord PART\nquit\nrecord NEVER\n")
-    words = ["teach", str(taught), "--offline", "--script", str(script)]
-    assert run_app(make_app("teach"), words) == 0
-    said = capsys.readouterr().out
-    assert "error: unknown command" in said
-    assert "recorded PART" in said
+    script.write_text("# PART\n\nworld dx -40\nrecord PART\nquit\nrecord NEVER\n")
+    assert run_app(make_app("teach"), ["teach", str(taught), "--offline", "--script", str(script)]) == 0
+    assert "recorded PART" in capsys.readouterr().out
+    assert rccl.DataBase(taught).names() == ["PART"]
+
+
+@pytest.mark.parametrize("by", ["script", "pipe"])
+@pytest.mark.parametrize("mistake", ["jump", "joint 9 5", "joint 1 900", "world dx 5000", "record"])
+def test_a_script_ends_with_the_first_line_that_cannot_be_done(
+    tmp_path: Path, capsys, monkeypatch: pytest.MonkeyPatch, mistake: str, by: str
+) -> None:
+    """A place recorded behind a motion that was refused would be another one than its author meant."""
+    text, taught = f"record PART\n{mistake}\nrecord PART\nrecord NEVER\n", tmp_path / "taught.db"
+    (tmp_path / "script.txt").write_text(text)
+    monkeypatch.setattr("sys.stdin", io.StringIO(text))
+    words = ["--script", str(tmp_path / "script.txt")] if by == "script" else []
+    assert run_app(make_app("teach"), ["teach", str(taught), "--offline", *words]) == 1
+    said = capsys.readouterr()
+    assert said.out.count("recorded") == 1
+    assert f"qrobot: line 2, {mistake!r}: " in said.err
     assert rccl.DataBase(taught).names() == ["PART"]
 
 
