@@ -85,16 +85,18 @@ def path_of(robot: Robot, q: Floats) -> Floats:
     return MM_PER_M * np.array([arm.forward(row)[:3, 3] for row in q])
 
 
-def farthest_off(asked: Floats, measured: Floats) -> float:
-    """The largest distance of a place of `measured` from the way through the places of `asked` of about that time.
+def farthest_off(asked: Floats, measured: Floats, near: int | None = None) -> float:
+    """The largest distance of a place of `measured` (k, 3) from the way through the places of `asked` (m, 3).
 
-    Sample by sample; the way is that of NEAR samples before and behind. Shapes (m, 3).
+    With `near` they are of the same samples, and the way is that of so many samples before and behind each place: of a
+    long one the whole takes too long.
     """
     along = np.diff(asked, axis=0, prepend=asked[:1])  # to each place from the one before
     begin = asked - along
     square = np.maximum(np.square(along).sum(axis=1), np.finfo(np.float64).tiny)
-    near = [slice(max(0, k - NEAR), k + NEAR + 1) for k in range(len(measured))]
-    return max(_distance(place, begin[k], along[k], square[k]) for place, k in zip(measured, near, strict=True))
+    whole = slice(None)
+    ways = (whole if near is None else slice(max(0, k - near), k + near + 1) for k in range(len(measured)))
+    return max(_distance(place, begin[way], along[way], square[way]) for place, way in zip(measured, ways, strict=True))
 
 
 def _distance(place: Floats, begin: Floats, along: Floats, square: Floats) -> float:

@@ -9,7 +9,7 @@ from typing import Final
 
 from qrobot import rccl
 from qrobot.cli.console import note, out
-from qrobot.cli.motion_figures import farthest_off, joints_figure, path_figure, path_of
+from qrobot.cli.motion_figures import NEAR, farthest_off, joints_figure, path_figure, path_of
 from qrobot.errors import ConfigError
 from qrobot.log.plot import save_figure
 from qrobot.rccl.setpoints import write_setpoints
@@ -70,4 +70,4 @@ def _write_figures(trace: Trace, folder: Path, suffix: str, ideal: bool) -> None
     save_figure(joints_figure(trace.robot, shown), folder / f"joints{suffix}.png")
     save_figure(path_figure(trace.robot.name, asked, measured), folder / f"path{suffix}.png")
     if measured is not None:
-        note(f"the measured way is at most {farthest_off(asked, measured):.2f} mm off the one asked for")
+        note(f"the measured way is at most {farthest_off(asked, measured, NEAR):.2f} mm off the one asked for")

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any, Final, TypeVar
 from qrobot.errors import QRobotError
 from qrobot.pendant.arm_station import ArmStation
 from qrobot.pendant.floor import DriveFloor
-from qrobot.pendant.servo_requests import ANSWER_S
 from qrobot.servo.operator.client import ServoClient
 
 if TYPE_CHECKING:
@@ -18,6 +17,7 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 SETPOINT_HEAD: Final = struct.Struct("<IId")  # samples, joints, period in s; then 32-bit floats, sample by sample
+LOOK_S: Final = 1.5  # [A] patience with the servo's answer, in a thread for which nobody waits
 MOST_SETPOINTS: Final = 200_000  # an hour and a half at 28 ms
 MOST_BYTES: Final = 64 << 20  # of a setpoint file
 
@@ -84,7 +84,7 @@ def add_queries(app: FastAPI, floor: DriveFloor) -> None:
 
 def load_of(arm: str) -> dict[str, Any]:
     """Load that a servo reckons with, and what it takes for a collision. Raises QRobotError: it does not answer."""
-    with ServoClient(arm, ANSWER_S) as servo:
+    with ServoClient(arm, LOOK_S) as servo:
         status = servo.status()
     return {
         "mass": status.payload_mass,

@@ -90,7 +90,7 @@ def test_how_far_the_measured_way_is_off_is_found_in_steps_that_grow_with_its_le
     monkeypatch.setattr(motion_figures, "_distance", counted)
     for samples in (2000, 4000, 8000):
         looked.append(0)
-        farthest_off(circle(samples), circle(samples))
+        farthest_off(circle(samples), circle(samples), NEAR)
     assert looked[1] < 2.2 * looked[0]
     assert looked[2] < 2.2 * looked[1]
 
@@ -100,8 +100,14 @@ def test_a_measured_way_that_lags_is_off_by_its_distance_from_the_way_and_not_by
     asked = circle(2000)
     late = np.vstack([np.repeat(asked[:1], behind, axis=0), asked])[: len(asked)]
     beside = late * [1.5, 1.5, 1.0]  # half a radius outside
-    assert farthest_off(asked, late) == pytest.approx(0.0, abs=1e-9)
-    assert farthest_off(asked, beside) == pytest.approx(0.5, abs=0.01)
+    assert farthest_off(asked, late, NEAR) == pytest.approx(0.0, abs=1e-9)
+    assert farthest_off(asked, beside, NEAR) == pytest.approx(0.5, abs=0.01)
+
+
+@pytest.mark.parametrize("samples", [3, 700, 5000])
+def test_a_way_told_in_other_samples_is_compared_as_a_whole(samples: int) -> None:
+    assert farthest_off(circle(2000), circle(samples)) == pytest.approx(0.0, abs=1e-5)
+    assert farthest_off(circle(2000), circle(samples) * [1.5, 1.5, 1.0]) == pytest.approx(0.5, abs=0.01)
 
 
 def test_one_place_is_off_by_its_distance_from_the_one_asked_for() -> None:
