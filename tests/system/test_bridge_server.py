@@ -290,7 +290,7 @@ def test_nobody_can_connect_before_the_token_is_there(monkeypatch: pytest.Monkey
     seen = []
 
     @contextmanager
-    def offered(port: int) -> Iterator[bytes]:
+    def offered(port: int, arm: str) -> Iterator[bytes]:
         with pytest.raises(ConnectionRefusedError):
             socket.create_connection(("127.0.0.1", port))
         yield b"secret"

@@ -60,7 +60,7 @@ def test_a_board_is_looked_at_when_a_page_asks_and_its_complaint_is_told(process
     access = Access()
     assert access.look(kinds=False)["emulated"]
     wait_until(access.over, "its lines are read")
-    assert process.started[0][3:5] == ["board", "show"]
+    assert process.started[0][4:6] == ["board", "show"]
     seen = access.look(kinds=True)
     assert (seen["problem"], seen["board"], seen["kinds"]) == ("the board of puma560 has gone", None, [1])
     assert len(process.started) == 1

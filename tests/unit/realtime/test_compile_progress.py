@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import subprocess
-import sys
 from typing import Any
 
 import pytest
@@ -11,6 +10,7 @@ import pytest
 from qrobot.cli.console import EveryTenth
 from qrobot.realtime import compile_progress
 from qrobot.realtime.compile_progress import SHORT, begin_entry, begin_kernel, end_part, tell_compiling
+from qrobot.realtime.own_process import own_command
 from qrobot.rig import compile_ahead
 from qrobot.rig.compile_ahead import compiled_beside
 
@@ -117,7 +117,7 @@ def test_a_second_process_ends_with_the_block_even_when_that_fails(
     monkeypatch.setattr(compile_ahead, "is_compiled", lambda: False)
     with pytest.raises(ZeroDivisionError):
         fail(children)
-    assert children.commands == [[sys.executable, "-m", "qrobot.rig.compile_ahead", "puma560"]]
+    assert children.commands == [own_command("qrobot.rig.compile_ahead", "puma560")]
     assert children.killed == 1
 
 

@@ -102,7 +102,7 @@ def test_its_curves_and_its_registers_go_on(scene: Scene) -> None:
 
 def test_a_neighbour_is_heard_of(scene: Scene) -> None:
     clock, ticks = [0.0], []
-    other, state = OtherServo(ARM, lambda: clock[0]), local_record(state_dtype(N))
+    other, state = OtherServo(ARM, ROBOT, N, lambda: clock[0]), local_record(state_dtype(N))
     for tick in (1, 2):
         state.tick = tick
         publish_state(servo_record(scene.servo.words, N), state)
