@@ -310,7 +310,7 @@ def test_an_arm_is_driven_from_one_page_and_a_page_that_stalls_or_dies_moves_it_
 
         watcher = Page(driver, f"{pendant.address}#teach", window=True)
         assert not watcher.run("return pendant.driving")
-        assert watcher.shows("#drive", "Ask page")
+        wait_until(lambda: watcher.shows("#drive", "Ask page"), "the second page says who drives")
         watcher.run("pendant.say({do: 'press', arm: 0, number: 99, target: 'joint', name: '1'})")
         assert is_at_rest(arm)
         each_arm_has_a_lease_that_is_taken_and_given_up(page, watcher)
