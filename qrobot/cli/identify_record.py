@@ -113,7 +113,7 @@ def refuse_recorded(output: Path) -> None:
 
 
 @contextmanager
-def _recording(arm: DeployedArm, robot: Robot, output: Path) -> Iterator[_Recorder]:
+def _recording(arm: DeployedArm, robot: Robot, output: Path) -> Iterator[_RecorderThread]:
     """A recorder of the running servo, whose log ends with the block. Raises what `record_running` does.
 
     What the servo did before is no part of the log: the arm may have carried something else.
@@ -131,7 +131,7 @@ def _recording(arm: DeployedArm, robot: Robot, output: Path) -> Iterator[_Record
         return writers[-1]
 
     with QueuedReport(note) as told:
-        recorder = _Recorder(ServoFollower(arm.name, open_log, told, from_now=True), arm.name)
+        recorder = _RecorderThread(ServoFollower(arm.name, open_log, told, from_now=True), arm.name)
         try:
             yield recorder
         finally:
@@ -148,17 +148,14 @@ def _require_recordable(arm: DeployedArm, robot: Robot) -> None:
     from qrobot.cli.log import recorded_header
     from qrobot.servo.memory.servo_memory import attach_servo_memory, servo_info
 
-    memory = attach_servo_memory(arm.name)
-    try:
+    with attach_servo_memory(arm.name) as memory:
         info = servo_info(memory.words)
         if not info.ready:
             raise LinkError(_NOT_READY.format(arm=arm.name))
         recorded_header(robot, info, int(memory.header.owner_pid), arm.board.plant)
-    finally:
-        memory.close()
 
 
-class _Recorder:
+class _RecorderThread:
     """A follower in a thread of its own, and what has ended it."""
 
     def __init__(self, follower: ServoFollower, arm: str) -> None:

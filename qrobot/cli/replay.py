@@ -17,7 +17,7 @@ from qrobot.cli.arms import (
 )
 from qrobot.cli.console import note, out, write_json
 from qrobot.cli.option_types import OutputTable, SmoothOption
-from qrobot.units import DEG_PER_RAD, M_PER_MM, MM_PER_M, US_PER_MS
+from qrobot.units import DEG_PER_RAD, M_PER_MM, MM_PER_M, S_PER_MS, US_PER_MS
 
 if TYPE_CHECKING:
     from qrobot.arrays import Floats
@@ -74,43 +74,36 @@ def replay(
         Print JSON: of each joint the largest error, rad (m).
     """
     from qrobot.cli.arm_links import link_of
+    from qrobot.motion import motion_limits
     from qrobot.rccl.connect import open_channel
     from qrobot.rccl.position import Position
     from qrobot.rccl.setpoint_tables import write_setpoint_table
+    from qrobot.rccl.setpoints import judge
 
     chosen = choose_arm(deployment, arm)
-    setpoints = _made_up([file, *(then or ())], smooth, robot_of_arm(chosen))
+    robot = robot_of_arm(chosen)
+    setpoints = _made_up([file, *(then or ())], smooth, robot)
     if save_as is not None:
         save_as.parent.mkdir(parents=True, exist_ok=True)
         write_setpoint_table(save_as, setpoints)
         note(f"wrote {save_as}")
         return
-    _judge(setpoints, chosen, str(file))  # as `play` does, before the way to the first setpoint
-    factory = _lockstep_links(chosen, setpoints.period_us) if lockstep else link_of(chosen)
     period_ms = setpoints.period_us / US_PER_MS
+    # `play` does so too, but behind the way to the first setpoint
+    judge(setpoints, robot.name, period_ms * S_PER_MS, motion_limits(robot), fences_of_arm(chosen), str(file))
+    factory = _lockstep_links(chosen, setpoints.period_us) if lockstep else link_of(chosen)
     with inside_fences(chosen), open_channel(factory, chosen.robot, period_ms) as channel:
         if approach:
             channel.move(Position("first setpoint", setpoints.q[0]))
             channel.waitfor(channel.completed)
         channel.play(setpoints, str(file))
-        worst, robot = _worst_errors(channel), channel.robot
+        worst = _worst_errors(channel)
     if json:
         errors = dict(zip(robot.joint_names, worst.tolist(), strict=True))
         write_json({"setpoints": len(setpoints.q), "seconds": float(setpoints.t[-1]), "largest_error": errors})
         return
     error = _in_words(worst, robot)
     out.print(f"{len(setpoints.q)} setpoints in {setpoints.t[-1]:.2f} s; farthest from them: {error}")
-
-
-def _judge(setpoints: Setpoints, arm: DeployedArm, label: str) -> None:
-    """Raise MotionError, JointLimit or FenceCrossed for setpoints that the arm does not take."""
-    from qrobot.motion import motion_limits
-    from qrobot.rccl.setpoints import check_fences, check_fit
-
-    robot = robot_of_arm(arm)
-    check_fit(setpoints, robot.name, setpoints.period_us / 1e6, label)
-    setpoints.check(motion_limits(robot), label)
-    check_fences(setpoints.q, fences_of_arm(arm), label)
 
 
 def _made_up(files: list[Path], smooth_mm: float | None, robot: Robot) -> Setpoints:

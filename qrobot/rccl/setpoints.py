@@ -74,7 +74,16 @@ class Setpoints:
         _check_rates(a, np.maximum(limits.a_max, limits.a_stop), limits, label, "accelerate by")
 
 
-def check_fit(setpoints: Setpoints, robot: str, period_s: float, label: str) -> None:
+def judge(
+    setpoints: Setpoints, robot: str, period_s: float, limits: MotionLimits, fences: FenceSet | None, label: str
+) -> None:
+    """Judge setpoints for an arm wherever it stands. Raises JointLimit, FenceCrossed and MotionError."""
+    _check_fit(setpoints, robot, period_s, label)
+    setpoints.check(limits, label)
+    check_fences(setpoints.q, fences, label)
+
+
+def _check_fit(setpoints: Setpoints, robot: str, period_s: float, label: str) -> None:
     """Raise MotionError when setpoints are for another robot, or another sample period."""
     if setpoints.robot != robot:
         raise MotionError(f"{label}: made for {setpoints.robot}, this is {robot}")

@@ -34,7 +34,7 @@ from qrobot.rccl.callback_timing import CallbackTiming
 from qrobot.rccl.event import Level
 from qrobot.rccl.open_motions import OpenMotions
 from qrobot.rccl.parameters import MoveOrder
-from qrobot.rccl.setpoints import Setpoints, check_fences, check_fit, check_start
+from qrobot.rccl.setpoints import Setpoints, check_start, judge
 from qrobot.rccl.task_group import TaskGroup
 from qrobot.rccl.trace import Trace
 from qrobot.rci import RobotData, TaskDescriptor
@@ -195,12 +195,10 @@ class TrajectoryTask:
 
     def play(self, setpoints: Setpoints, label: str) -> None:
         """Send setpoints one each sample. Raises what `Channel.play` raises."""
-        check_fit(setpoints, self.robot.name, self.period_s, label)
+        judge(setpoints, self.robot.name, self.period_s, self._limits, self.fences, label)
         if self.busy:
             raise MotionError(f"{label}: the arm still moves; wait for `completed` first")
-        setpoints.check(self._limits, label)
         check_start(setpoints.q[0], self.generator.state()[0], self._limits, label)
-        check_fences(setpoints.q, self.fences, label)
         self._player = SetpointPlayer(setpoints.q, self.period_s, self._limits)
         self.completed.count = 0
 
