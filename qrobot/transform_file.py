@@ -25,7 +25,7 @@ from qrobot.model.orientation import rpy_angles
 from qrobot.model.transform import rpy, transform
 from qrobot.realtime.file_lock import lock_alone
 from qrobot.units import DEG_PER_RAD, M_PER_MM, MM_PER_M, RAD_PER_DEG
-from qrobot.whole_file import probe_folder, replace_file
+from qrobot.whole_file import probe_file, probe_folder, replace_file
 
 _COLUMNS: Final = ("x", "y", "z", "roll", "pitch", "yaw")
 PATIENCE_S: Final = 5.0  # with somebody else who writes the file, which takes a second on a slow disk
@@ -67,9 +67,7 @@ class TransformFile:
         if not self._path.parent.is_dir():
             raise ConfigError(f"cannot write {self._path}: is there such a folder?")
         try:
-            if self._path.exists():
-                with self._path.open("ab"):
-                    pass
+            probe_file(self._path)
             for folder in {self._path.parent, self._path.resolve().parent}:  # its lock, and what takes its place
                 probe_folder(folder)
         except OSError as error:

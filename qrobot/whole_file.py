@@ -20,6 +20,13 @@ def probe_folder(folder: Path) -> None:
         probe.flush()
 
 
+def probe_file(path: Path) -> None:
+    """Raise OSError when a file that is there may not be written to; it stays as it is."""
+    if path.exists():
+        with path.open("ab"):
+            pass
+
+
 def replace_file(path: Path, text: str, encoding: str = "utf-8") -> None:
     """Write `text`, whose line ends stay as they are. See `replace_bytes`."""
     replace_bytes(path, text.encode(encoding))

@@ -19,9 +19,10 @@ from cyclopts import Parameter
 
 from qrobot.errors import ConfigError, LogError, error_text
 from qrobot.extras import missing_extra
+from qrobot.log.topics import part_path
 from qrobot.servo.calibration.state import FEWEST_INDEXES, MOST_INDEXES
 from qrobot.servo.settings import HIGHEST_RATE_HZ, LOWEST_RATE_HZ
-from qrobot.whole_file import probe_folder
+from qrobot.whole_file import probe_file, probe_folder
 from qrobot.wire.vocabulary import LARGEST_OVERRIDE
 
 PARQUET: Final = ".parquet"
@@ -135,7 +136,8 @@ def _tell(path: Path, attempt: Callable[[Path], None]) -> None:
 
 
 def _refuse_recorded(path: Path) -> None:
-    if path.suffix == ".mcap" and path.is_file() and path.stat().st_size:
+    parts = (path, part_path(path, 2)) if path.suffix == ".mcap" else ()
+    if any(part.is_file() and part.stat().st_size for part in parts):
         raise OSError("it is a recording already, name another file")
 
 
@@ -143,8 +145,7 @@ def _try_file(path: Path) -> None:
     if not path.exists():
         _try_folder(path.parent)
     elif path.is_file():
-        with path.open("ab"):
-            pass
+        probe_file(path)
     elif path.is_dir() or not os.access(path, os.W_OK):
         raise OSError("it is a folder, and a file is wanted" if path.is_dir() else "it may not be written")
 

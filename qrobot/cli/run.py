@@ -229,9 +229,12 @@ def run_live(
         return run_through(heard(bridge_links(arms[0])), start, output)
     from qrobot import rci
     from qrobot.cli.arm_links import link_of, links_of, the_only
+    from qrobot.rci.tcp import bridge_address, insist_on_arm
     from qrobot.realtime.startup_order import await_turn
 
     await_turn()
+    for arm in arms:
+        insist_on_arm(bridge_address(place_of_arm(arm)), arm.name)
     links = links_of(arms, link_of)
     with rci.use(links, virtual_time=False):
         return run_through(the_only(links), start, output)
@@ -300,26 +303,28 @@ def bridge_links(arm: DeployedArm) -> LinkFactory:
 
     A bridge that the environment names may be another arm's, whose fences and outputs are not these: it is told, and
     does not count.
+
+    Raises ConfigError: another arm's bridge is at that address.
     """
     from qrobot.cli.arm_links import link_of
-    from qrobot.rci.tcp import BRIDGE_VARIABLE
+    from qrobot.rci.tcp import BRIDGE_VARIABLE, bridge_address, insist_on_arm
     from qrobot.realtime.startup_order import await_turn
 
     await_turn()
-    address = arm.bridge.host, arm.bridge.port
-    named, own = os.environ.get(BRIDGE_VARIABLE), "{}:{}".format(*address)
-    if named and not _leads_to(named, address):
+    named, own = os.environ.get(BRIDGE_VARIABLE), place_of_arm(arm)
+    if named and not _leads_to(named, own):
         note(f"{BRIDGE_VARIABLE} is {named}, but the bridge of {arm.name} is {own}, as its deployment file says")
     os.environ[BRIDGE_VARIABLE] = own
+    insist_on_arm(bridge_address(own), arm.name)  # here, for programs that come to the arm by the address alone
     return link_of(arm)
 
 
-def _leads_to(named: str, address: tuple[str, int]) -> bool:
-    """True when `named` is this address, `localhost` or not; False for what is no address."""
-    from qrobot.rci.tcp import address_text, place_text
+def _leads_to(named: str, place: str) -> bool:
+    """True when `named` is the address `place`, in full or not; False for what is no address."""
+    from qrobot.rci.tcp import address_text
 
     with suppress(ConfigError):
-        return address_text(named) == place_text(address)
+        return address_text(named) == place
     return False
 
 

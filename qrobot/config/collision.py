@@ -11,6 +11,16 @@ from qrobot.config.robot import Robot
 NO_TORQUES: Final = "the drives of this arm close the position loop, and nobody knows their torques"
 
 
+def torque_objection(thresholds: Sequence[float], reaction: int, torques_known: bool) -> str:
+    """Reason for which an arm cannot tell collisions, and react to them, as asked; "" when it can.
+
+    Args:
+        reaction: a `CollisionReaction`; 0, with no threshold above 0, asks for nothing.
+        torques_known: of its joints.
+    """
+    return NO_TORQUES if (any(thresholds) or reaction) and not torques_known else ""
+
+
 def threshold_objection(robot: Robot, thresholds: Sequence[float]) -> str:
     """Reason for which `robot` cannot tell collisions by `thresholds`, N m (N), 0 for its file's; "" when it can."""
     if len(thresholds) != robot.n:

@@ -6,6 +6,7 @@ side by side from one file.
 
 from __future__ import annotations
 
+import math
 from itertools import combinations
 from pathlib import Path
 from typing import Annotated, Literal
@@ -42,7 +43,7 @@ Interpolation = Literal["linear", "cubic", "quintic", "b-spline"]
 
 def guardian_objection(rate_hz: float, timeout_ms: float) -> str:
     """Reason for which a guardian cannot watch a servo of that rate so closely; "" when it can."""
-    least_ms = CYCLES_TO_MISS * 1000.0 / rate_hz
+    least_ms = math.ceil(CYCLES_TO_MISS * 1e6 / rate_hz) / 1e3  # of whole microseconds, so that it is told exactly
     if timeout_ms >= least_ms:
         return ""
     return f"servo.guardian_timeout_ms {timeout_ms:g} is too short for a servo of {rate_hz:g} Hz: at least {least_ms:g}"

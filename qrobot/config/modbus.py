@@ -24,4 +24,5 @@ class ModbusTransport(Table):
     @property
     def places(self) -> frozenset[str]:
         """The device behind its server."""
-        return frozenset([f"device {self.device_id} at {self.host}:{self.port}"])
+        host = "127.0.0.1" if self.host == "localhost" else self.host
+        return frozenset([f"device {self.device_id} at {host}:{self.port}"])

@@ -17,6 +17,7 @@ from qrobot.log.topics import part_path
 from qrobot.model.arm_shape import NO_TOOL
 from qrobot.servo.memory.law_history import LawInForce
 from qrobot.servo.memory.telemetry import Rows
+from qrobot.whole_file import probe_file
 
 
 class LogWriter:
@@ -48,7 +49,10 @@ class LogWriter:
         self.path = path
         self._header, self._attachments, self._max_bytes = header, tuple(attachments), max_bytes
         self._stream = LogStream(header, robot, tool_m, fences)
-        _require_writable(path)
+        try:
+            probe_file(path)
+        except OSError as error:
+            raise LogError(f"cannot write the log {path}: {error.strerror}") from None
         _remove_parts_after_first(path)
         self._part = self._open(1)
         self._number = 1
@@ -142,15 +146,6 @@ class LogWriter:
         self._last_error = self.last_error
         self._part = following
         self._number += 1
-
-
-def _require_writable(path: Path) -> None:
-    """Raise LogError where nothing could take the place of an earlier log."""
-    try:
-        with path.open("ab"):
-            pass
-    except OSError as error:
-        raise LogError(f"cannot write the log {path}: {error.strerror}") from None
 
 
 def _remove_parts_after_first(path: Path) -> None:

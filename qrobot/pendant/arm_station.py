@@ -26,10 +26,12 @@ from qrobot.pendant.jog_worker import JogWorker
 from qrobot.pendant.lease import DriverLease
 from qrobot.pendant.procedure_messages import PageProcedureStart
 from qrobot.pendant.procedure_runner import LIVE_STEPS, ProcedureRunner
+from qrobot.pendant.program_folder import RECORDED
 from qrobot.pendant.program_messages import PageProgramStart
 from qrobot.pendant.program_runner import ProgramRunner
 from qrobot.pendant.servo_requests import POWER_OFF, ServoRequests
 from qrobot.pendant.taught_places import TaughtPlaces
+from qrobot.rci.tcp import place_text
 from qrobot.units import M_PER_MM, NS_PER_S
 from qrobot.wire import State
 from qrobot.wire.vocabulary import RobotFlag
@@ -201,7 +203,7 @@ class ArmStation:
     @property
     def bridge(self) -> str:
         """Address of its bridge."""
-        return f"{self.arm.bridge.host}:{self.arm.bridge.port}"
+        return place_text((self.arm.bridge.host, self.arm.bridge.port))
 
     def start_program(self, request: PageProgramStart, others: Sequence[ArmStation] = ()) -> None:
         """Start a program, which may reach those arms of `others` besides that are ready for it as this one has to be.
@@ -212,6 +214,7 @@ class ArmStation:
         """
         if request.manner == "live" and (why := self._why_not_live(request.confirmed)):
             raise MotionError(f"the program is not started: {why}")
+        others = () if request.name.startswith(RECORDED) else others  # a recording is of one arm
         state = self._newest
         place = start_text(np.array(state.robot.q), self.robot) if state is not None and not self.watch.problem else ""
         unfit = {other: other._why_not_live(request.confirmed) for other in others}

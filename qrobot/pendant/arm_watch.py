@@ -14,7 +14,7 @@ from qrobot.config.deployment import DeployedArm
 from qrobot.errors import LinkError, LinkLost, LocalProtocolError, QRobotError
 from qrobot.rci.client import Client
 from qrobot.rci.link import check_welcome
-from qrobot.realtime.bridge_token import token_for
+from qrobot.realtime.bridge_token import arm_of_token, token_for
 from qrobot.wire import ClientRole, Hello, State, Stop, Welcome
 
 PERIOD_US: Final = 28_000
@@ -29,7 +29,7 @@ class ArmWatch:
 
     Args:
         arm: of the deployment.
-        robot: of the arm; of another one nothing is told, but it can be stopped.
+        robot: of the arm; of another one, or another arm, nothing is told, but it can be stopped.
         tell: takes each STATE, newest only.
         changed: called when `problem` is another.
         deployment: file of the arm, for advice; may be empty.
@@ -50,6 +50,7 @@ class ArmWatch:
         self._start = f"qrobot up {shlex.quote(deployment)}" if deployment else "qrobot up"
         self._arm, self._robot, self._tell, self._changed = arm, robot, tell, changed
         self._stranger = ""  # what is wrong with the robot that answers
+        self._found = ""  # name of the arm that answers, where its token tells it
         self._address = (arm.bridge.host, arm.bridge.port)
         self._line: tuple[Client, asyncio.StreamWriter] | None = None
 
@@ -94,7 +95,9 @@ class ArmWatch:
                 await writer.wait_closed()
 
     def _greet(self, writer: asyncio.StreamWriter) -> Client:
-        hello = Hello(ClientRole.OBSERVER, "", "qrobot pendant", PERIOD_US, token_for(*self._address))
+        token = token_for(*self._address)
+        self._found = arm_of_token(token)
+        hello = Hello(ClientRole.OBSERVER, "", "qrobot pendant", PERIOD_US, token)
         client = Client(hello, f"the bridge of {self._arm.name}")
         writer.write(client.greet())
         return client
@@ -113,12 +116,14 @@ class ArmWatch:
                 self._tell(state)
 
     def _judge(self, welcome: Welcome) -> str:
-        """Complaint about a bridge of another robot than that of the deployment, "" when it is this one."""
+        """Complaint about a bridge of another robot or arm than that of the deployment, "" when it is this one."""
+        remedy = "start the pendant with the deployment file of that arm (--deployment)"
         try:
             check_welcome(welcome, self._robot, "this deployment")
         except LinkError as error:
-            remedy = "start the pendant with the deployment file of that arm (--deployment)"
             return f"at {self._where} {error}: {remedy}"
+        if self._found not in ("", self._arm.name):
+            return f"at {self._where} is the bridge of arm {self._found}, not of {self._arm.name}: {remedy}"
         return ""
 
     @property

@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from typing import Any, Final
 
-from qrobot.config.collision import NO_TORQUES, threshold_objection
+from qrobot.config.collision import threshold_objection, torque_objection
 from qrobot.errors import LinkError
 from qrobot.faultcodes import NO_JOINT
 from qrobot.model.payload_judge import PayloadJudge
@@ -67,10 +67,11 @@ class RequestPort(ABC):
     def judge_collision(self, collision: Collision) -> str:
         """Reason for which the arm does not take such thresholds, or such a reaction; "" when it does."""
         try:
-            if (any(collision.thresholds) or collision.reaction) and not self._mailbox().snapshot().torques_known:
-                return NO_TORQUES
+            known = self._mailbox().snapshot().torques_known
         except LinkError as error:
             return str(error)
+        if objection := torque_objection(collision.thresholds, collision.reaction, known):
+            return objection
         return "" if self._judge is None else threshold_objection(self._judge.robot, collision.thresholds)
 
     def write_collision(self, collision: Collision) -> None:

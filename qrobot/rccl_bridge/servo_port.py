@@ -11,9 +11,9 @@ from qrobot.errors import LinkError, LinkMismatch
 from qrobot.model.payload_judge import PayloadJudge
 from qrobot.rccl_bridge.request_port import RequestPort
 from qrobot.rccl_bridge.servo_interface import SetpointFrame
-from qrobot.realtime.shared_memory import SharedMemory
+from qrobot.servo.memory.followed_servo import FollowedServo
 from qrobot.servo.memory.mailbox import ServoMailbox
-from qrobot.servo.memory.servo_memory import ServoMemory, attach_servo_memory
+from qrobot.servo.memory.servo_memory import ServoMemory
 from qrobot.units import NS_PER_US
 from qrobot.wire.vocabulary import LONGEST_PERIOD_US
 
@@ -49,17 +49,15 @@ class ServoPort(RequestPort):
         self.arm = arm
         self.robot_name = robot_name
         self.n = n
-        self._segment: SharedMemory | None = None
-        self._followed: ServoMailbox | None = None
-        self._generation = self._servos = self._slipped_ns = 0
-        self._new_until_ns = 0
+        self._followed = FollowedServo(arm, robot_name, n)
+        self._slipped_ns = self._new_until_ns = 0
         self.mismatch = ""
         self._power_locked = False  # a servo that has just started is not powered by a request made to the one before
 
     @property
     def servo(self) -> int:
-        """Number of the servo that is followed: how many there have been; a new file may begin its generations anew."""
-        return self._servos
+        """Number of the servo that is followed: how many there have been."""
+        return self._followed.count
 
     def alive(self) -> bool:
         """The servo runs and its state is fresh."""
@@ -111,22 +109,8 @@ class ServoPort(RequestPort):
         return replace(frame, power=bool(command.power)) if self._power_locked else frame
 
     def _mailbox(self) -> ServoMailbox:
-        """The mailbox of the servo that runs now."""
-        segment = self._segment
-        if segment is None or not segment.is_current:
-            if segment is not None:
-                segment.close()
-                self._segment = self._followed = None
-            segment = self._segment = attach_servo_memory(self.arm)
-        generation = int(segment.header.generation)
-        if self._followed is None or generation != self._generation:
-            mailbox, self._generation = ServoMailbox(segment.words), generation
-            info = mailbox.info
-            if (info.robot_name, info.n) != (self.robot_name, self.n):
-                self._followed = None
-                raise LinkMismatch(f"the servo of {self.arm} drives {info.robot_name!r}, not {self.robot_name!r}")
-            if self._servos > 0:
-                self._power_locked, self._new_until_ns = True, time.monotonic_ns() + NEW_SERVO_NS
-            self._servos += 1
-            self._followed = mailbox
-        return self._followed
+        before = self._followed.count
+        mailbox = self._followed.mailbox()
+        if 0 < before < self._followed.count:
+            self._power_locked, self._new_until_ns = True, time.monotonic_ns() + NEW_SERVO_NS
+        return mailbox

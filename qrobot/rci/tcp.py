@@ -66,6 +66,24 @@ def check_reachable(address: SocketAddress) -> None:
         )
 
 
+def insist_on_arm(address: SocketAddress, arm: str) -> None:
+    """Raise ConfigError for a bridge that tells of another arm than `arm` by its token; "" is any."""
+    found = arm_of_token(token_for(*address))
+    if arm and found not in ("", arm) and _is_there(address):
+        raise ConfigError(
+            f"the bridge at {place_text(address)} is that of arm {found!r}, not of {arm!r}: --deployment names the "
+            "file of an arm, --arm one of several"
+        )
+
+
+def _is_there(address: SocketAddress) -> bool:
+    """Somebody listens: the token is none that a killed bridge has left."""
+    with suppress(OSError):
+        socket.create_connection(address, CONNECT_TIMEOUT_S).close()
+        return True
+    return False
+
+
 def connect(address: SocketAddress) -> socket.socket:
     """A TCP connection without Nagle's delay. Raises LinkTimeout or LinkLost."""
     where = f"{address[0]}:{address[1]}"
@@ -134,7 +152,7 @@ class TcpLink:
         """Connect and greet; see `Link.open`. Raises ConfigError: that arm is not for this program."""
         if self._hello.role is ClientRole.COMMANDER:
             check_reachable(self.address)
-            self._insist_on_arm()
+            insist_on_arm(self.address, self._arm)
         self._socket = self._connector(self.address)
         self._socket.settimeout(self.answer_s)
         self._send(self._client.greet())
@@ -198,16 +216,7 @@ class TcpLink:
 
     def _new_client(self, address: SocketAddress) -> Client:
         hello = self._hello if self._hello.auth else replace(self._hello, auth=token_for(*address))
-        self._found_arm = arm_of_token(hello.auth)
         return Client(hello, f"the bridge at {address[0]}:{address[1]}")
-
-    def _insist_on_arm(self) -> None:
-        """Raise ConfigError where the bridge tells that it has another arm than is looked for."""
-        if self._arm and self._found_arm and self._found_arm != self._arm:
-            raise ConfigError(
-                f"the bridge at {place_text(self.address)} is that of arm {self._found_arm!r}, not of {self._arm!r}: "
-                "--deployment names the file of an arm, --arm one of several"
-            )
 
     def _await(self, pop: Callable[[], T | None]) -> T:
         while (answer := pop()) is None:

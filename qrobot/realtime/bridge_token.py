@@ -24,7 +24,7 @@ VARIABLE: Final = "QROBOT_TOKEN"
 RANDOM_BYTES: Final = 32
 LONGEST_BYTES: Final = 128
 _TOKEN: Final = re.compile(r"bridge-\d+\.token")
-_ARM: Final = ":"  # between the random part and the name of the arm
+_NAMED: Final = re.compile(rb"[0-9a-f]{%d}:([a-z][a-z0-9_]*)" % (2 * RANDOM_BYTES))
 _SHARED: Final = 0o040  # the folder's group may read
 
 
@@ -42,7 +42,7 @@ def offered_token(port: int, arm: str = "") -> Iterator[bytes]:
 
     Raises LinkBusy when a living bridge offers its token there, LinkError, see `runtime_folder`.
     """
-    token = (secrets.token_hex(RANDOM_BYTES) + (f"{_ARM}{arm}" if arm else "")).encode()
+    token = (secrets.token_hex(RANDOM_BYTES) + (f":{arm}" if arm else "")).encode()
     remove_dead_tokens()
     fd = _owned_file(port)
     try:
@@ -76,7 +76,8 @@ def token_for(host: str, port: int) -> bytes:
 
 def arm_of_token(token: bytes) -> str:
     """Name of the arm whose bridge made the token; "" for one that tells none, as that of an isolated link."""
-    return token.decode("ascii", "replace").partition(_ARM)[2]
+    found = _NAMED.fullmatch(token)
+    return "" if found is None else found[1].decode()
 
 
 def remove_dead_tokens() -> None:

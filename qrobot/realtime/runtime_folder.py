@@ -8,7 +8,8 @@ Memory, sockets, locks and the token of the bridge are files in it. It is the fi
 4. `/dev/shm/qrobot-UID`.
 
 The folder has mode 0700, or 0750 and the group `qrobot`, and everything in it belongs to the account that owns it. A
-folder, file or process of anybody else is refused, never adopted. `qrobot_runtime.h` follows the same rule in C.
+folder, file or process of anybody else is refused, never adopted. `qrobot_runtime.h` follows the same rule in C,
+and looks at each connection.
 
 A process looks once which one it is, and the `qrobot` command hands it to those that it starts: a log-in or a log-out
 meanwhile would lead them elsewhere than to those that they belong to.

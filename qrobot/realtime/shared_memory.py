@@ -167,10 +167,11 @@ class SharedMemory:
             return self._fd is not None
         try:
             fcntl.flock(self._fd, fcntl.LOCK_SH | fcntl.LOCK_NB)  # nobody else who looks is in the way
+            return False
         except BlockingIOError:
             return True
-        fcntl.flock(self._fd, fcntl.LOCK_UN)
-        return False
+        finally:  # also at Ctrl-C: kept, it would keep the next owner away
+            fcntl.flock(self._fd, fcntl.LOCK_UN)
 
     def close(self, unlink: bool = False) -> None:
         """Let go; with `unlink` the owner also removes the file (an orderly end)."""

@@ -314,12 +314,16 @@ class BusContract:
         assert len([row for row in there.end.applied if row[2] == 0x111]) <= 1
 
     def test_a_transport_cut_before_the_operations_are_applied_gives_no_image(self, there: Traveller) -> None:
-        there.end.before = there.transport.cut
+        cuts: list[bool] = []
+        there.end.before = lambda: cuts.append(there.transport.cut() is None)
         self._fail_and_come_back(there)
+        assert cuts
 
     def test_a_transport_cut_before_the_answer_applies_at_most_once(self, there: Traveller) -> None:
-        there.end.after = there.transport.cut
+        cuts: list[bool] = []
+        there.end.after = lambda: cuts.append(there.transport.cut() is None)
         self._fail_and_come_back(there)
+        assert cuts
 
     def _fail_and_come_back(self, there: Traveller) -> None:
         image = there.image.copy()

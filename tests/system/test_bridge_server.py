@@ -168,6 +168,7 @@ def test_more_connections_than_select_can_count_leave_the_bridge_and_its_command
             wait_until(lambda: bridge.port.frames, "the commander still commands")
             with bridge.connect() as observer:
                 observer.join(OBSERVER)
+            assert bridge.port.stops == 0
     finally:
         resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
 

@@ -269,6 +269,7 @@ def test_when_the_program_is_killed_both_arms_stop_and_their_object_is_not_torn(
 def test_when_one_arm_alone_is_kept_from_running_the_other_waits_for_it(arms: list[RunningArm]) -> None:
     left, right = arms
     before, kept = slipped_ns(right), list(processes_of(left.name))
+    assert kept
     try:
         for pid in kept:
             os.kill(pid, signal.SIGSTOP)

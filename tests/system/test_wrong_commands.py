@@ -150,6 +150,9 @@ def test_the_bridge_of_the_deployment_file_by_any_of_its_names_is_not_told_of(
     ("command", "name", "text"),
     [
         (["run"], "program.py", PROGRAM),
+        (["run"], "apart.py", PROGRAM.replace('"puma560"', '"puma560", processor="aux"')),
+        (["run"], "arcl.py", 'from qrobot.arcl import *\narm = arcl_open(ARCL_ROBOT, "puma560", 0)\n'),
+        (["run"], "rci.py", "from qrobot import rci\nrci.rci_open()\n"),
         (["val", "run"], "program.v2", ".PROGRAM main\n READY\n.END\n"),
         (["teach", "places.db", "--script"], "script.txt", "where\n"),
         (["replay", "--approach"], "led.csv", ""),
@@ -168,9 +171,14 @@ def test_at_the_bridge_of_another_arm_than_is_looked_for_nothing_is_commanded(
     arm = load_deployment(str(deployment)).arm[0]
     given = tmp_path / name
     given.write_text(text or _resting_setpoints())
+    command += [str(given), "--deployment", str(deployment)]
     with offered_token(arm.bridge.port, "cell"):
-        assert run_app(make_app(), [*command, str(given), "--deployment", str(deployment)]) == 1
-    complaint = capsys.readouterr().err
+        with socket.create_server(("127.0.0.1", arm.bridge.port)):
+            assert run_app(make_app(), command) == 1
+        complaint = capsys.readouterr().err
+        if name == "program.py":  # the token of a killed bridge is nobody's
+            assert run_app(make_app(), command) == 1
+            assert "no bridge at" in capsys.readouterr().err
     assert all(word in complaint for word in (f":{arm.bridge.port}", "'cell'", f"'{arm.name}'", "--deployment")), (
         complaint
     )

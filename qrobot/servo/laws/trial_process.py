@@ -33,7 +33,7 @@ from qrobot.servo.laws.trial import prove, prove_finite
 
 PATIENCE_S: Final = 240.0  # [A] of the wall clock: a law that sleeps computes nothing
 POLL_S: Final = 0.05
-_CHECKER: Final = "from qrobot.servo.laws.checker import main; main()"
+_CHECKER: Final = ("-P", "-c", "from qrobot.servo.laws.checker import main; main()")  # -P: see `own_process`
 
 
 def tried_law(
@@ -82,7 +82,7 @@ def law_in_file(question: Question, given_up: threading.Event) -> Law:
 
 def _ask(question: Question, given_up: threading.Event, **environment: str) -> tuple[dict[str, Any], bytes]:
     """Ask a new process; the header of its answer and what follows. Raises ConfigError with its complaint."""
-    command = [sys.executable, "-c", _CHECKER]
+    command = [sys.executable, *_CHECKER]
     surroundings = {**os.environ, **environment}
     with subprocess.Popen(
         command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, env=surroundings

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import Final
 
 from qrobot.config import Robot
-from qrobot.config.collision import NO_TORQUES, threshold_objection
+from qrobot.config.collision import threshold_objection, torque_objection
 from qrobot.errors import ConfigError, QRobotError
 from qrobot.model.payload_judge import PayloadJudge
 from qrobot.servo.memory.mailbox import ServoMailbox
@@ -56,11 +56,11 @@ def set_collision(mailbox: ServoMailbox, request: ChangeCollision, robot: Robot)
 
     Raises ConfigError for thresholds that would tell of less, and for an arm whose collisions nobody can tell.
     """
-    asked = request.thresholds
-    if (any(asked) or REACTIONS.index(request.reaction)) and not mailbox.snapshot().torques_known:
-        raise ConfigError(f"collisions: {NO_TORQUES}")
+    asked, reaction = request.thresholds, REACTIONS.index(request.reaction)
+    if objection := torque_objection(asked, reaction, mailbox.snapshot().torques_known):
+        raise ConfigError(f"collisions: {objection}")
     if asked and (objection := threshold_objection(robot, asked)):
         raise ConfigError(objection)
-    mailbox.request_collision(asked, REACTIONS.index(request.reaction))
+    mailbox.request_collision(asked, reaction)
     told = " ".join(f"{threshold:g}" for threshold in asked) or "of the robot file"
     return f"collisions: thresholds {told}, then {request.reaction}"

@@ -9,10 +9,10 @@ from contextlib import contextmanager
 from typing import Final
 
 from qrobot.arrays import Floats
-from qrobot.errors import LinkError
+from qrobot.errors import LinkError, LinkMismatch
+from qrobot.servo.memory.followed_servo import FollowedServo
 from qrobot.servo.memory.mailbox import ServoMailbox
 from qrobot.servo.memory.published_state import ServoSnapshot
-from qrobot.servo.memory.servo_memory import ServoSegment, attach_servo_memory
 from qrobot.servo.neighbour import LOOK_S, NOT_HEARD_OF, Neighbour, NeighbourLook
 
 RETRY_S: Final = 0.2  # [A] between two attempts to find a servo that is not there
@@ -26,44 +26,39 @@ class OtherServo:
     Args:
         arm: its name. robot, n: what it has to drive, and how many joints that has.
         clock: seconds.
+
+    Attributes:
+        mismatch: why a servo that runs is not believed, "" for none.
     """
 
     def __init__(self, arm: str, robot: str, n: int, clock: Callable[[], float]) -> None:
-        self._arm, self._drives, self._clock = arm, (robot, n), clock
-        self._generation = 0
-        self._segment: ServoSegment | None = None
+        self._servo, self._clock = FollowedServo(arm, robot, n), clock
         self._mailbox: ServoMailbox | None = None
         self._again_s = clock()
+        self.mismatch = ""
 
     def snapshot(self) -> ServoSnapshot | None:
         """The newest state, None while there is none."""
         try:
-            self._find()
+            self._look_again()
             return None if self._mailbox is None else self._mailbox.snapshot()
-        except LinkError:
+        except LinkError as error:
+            self.mismatch = str(error) if isinstance(error, LinkMismatch) else ""
             self.close()
             return None
 
     def close(self) -> None:
         """Let the memory go."""
-        if self._segment is not None:
-            self._segment.close()
-        self._segment = self._mailbox = None
+        self._servo.close()
+        self._mailbox = None
 
-    def _find(self) -> None:
-        """Attach the memory where there is another one, or none yet."""
+    def _look_again(self) -> None:
+        """Look which servo runs, now and then."""
         if (now_s := self._clock()) < self._again_s:
             return
         self._again_s = now_s + RETRY_S
-        if self._segment is None or not self._segment.is_current:
-            self.close()
-            self._segment = attach_servo_memory(self._arm)
-        generation = int(self._segment.front.header.generation)
-        if self._mailbox is None or generation != self._generation:
-            self._mailbox, self._generation = ServoMailbox(self._segment.words), generation
-            info = self._mailbox.info
-            if (info.robot_name, info.n) != self._drives:
-                self._mailbox = None
+        self._mailbox = self._servo.mailbox()
+        self.mismatch = ""
 
 
 @contextmanager
@@ -80,7 +75,7 @@ def looking(
         NeighbourLook(each, mailbox.snapshot, other.snapshot, words, time.monotonic)
         for each, other, words in zip(neighbours, others, told, strict=False)  # there may be more rows
     ]
-    thread = threading.Thread(target=_look_on, args=(looks, done, say), name="servo-neighbours", daemon=True)
+    thread = threading.Thread(target=_look_on, args=(looks, others, done, say), name="servo-neighbours", daemon=True)
     thread.start()
     try:
         yield
@@ -91,7 +86,9 @@ def looking(
             other.close()
 
 
-def _look_on(looks: Sequence[NeighbourLook], done: threading.Event, say: Callable[[str], None]) -> None:
+def _look_on(
+    looks: Sequence[NeighbourLook], others: Sequence[OtherServo], done: threading.Event, say: Callable[[str], None]
+) -> None:
     """Look until the end; whoever is lost or found again is told."""
     heard = [True for _ in looks]
     while not done.wait(LOOK_S):
@@ -99,4 +96,6 @@ def _look_on(looks: Sequence[NeighbourLook], done: threading.Event, say: Callabl
             now = each.look() != NOT_HEARD_OF
             if now != heard[k]:
                 heard[k] = now
-                say(f"{each.neighbour.name} is {'heard of again' if now else 'not heard of: this arm does not move'}")
+                why = f" ({others[k].mismatch})" if others[k].mismatch else ""
+                told = "heard of again" if now else f"not heard of{why}: this arm does not move"
+                say(f"{each.neighbour.name} is {told}")

@@ -47,3 +47,6 @@ def test_a_live_program_reaches_no_other_arm_that_is_not_ready_as_its_own_has_to
     assert floor.says(0, **START) == [[own.bridge]]
     assert why in own.status["notice"]
     assert floor.says(0, **START | {"manner": "offline"}) == [[own.bridge, other.bridge]]  # which moves none
+    other.watch._tell(State(1, RobotState(**READY)))  # type: ignore[arg-type]
+    assert floor.says(0, **START | {"name": "recorded/lesson.csv"}) == [[own.bridge]]  # which is of one arm
+    assert why not in own.status["notice"]

@@ -100,6 +100,26 @@ def test_stop_and_power_off_go_by_the_bridge_too_and_the_page_is_told_what_is_su
         asyncio.run(story(Bridge()))
 
 
+def test_another_arm_at_the_address_is_not_shown_but_can_be_stopped(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("QROBOT_TOKEN", f"{'a' * 64}:cell")
+    arm, told = load_deployment("emulator").arm[0], list[State]()
+
+    async def story(bridge: Bridge) -> None:
+        await bridge.begin()
+        watch = ArmWatch(
+            arm.model_copy(update={"bridge": BridgeChoice(port=bridge.port)}), ROBOT, told.append, lambda: None
+        )
+        watching = asyncio.create_task(watch.run())
+        await until(lambda: f"is the bridge of arm cell, not of {arm.name}" in watch.problem)
+        assert watch.ask_stop()
+        await until(lambda: bridge.stops == [Stop()])
+        watching.cancel()
+        await bridge.end()
+
+    asyncio.run(story(Bridge()))
+    assert told == []
+
+
 @pytest.mark.parametrize("deployment", ["two_arms", "a folder/cell.toml"])
 def test_the_command_that_starts_an_arm_which_is_not_there_names_the_deployment(
     deployment: str, tmp_path, monkeypatch

@@ -107,6 +107,11 @@ def test_it_tells_which_arm_its_bridge_has(folder: Path, arm: str) -> None:
         assert len(token) <= LONGEST_BYTES
 
 
+@pytest.mark.parametrize("token", ["", "a" * 64, "my:word", f"{'a' * 63}g:left", f"{'a' * 64}:", f"{'a' * 64}:a b"])
+def test_a_word_of_somebody_s_own_names_no_arm(token: str) -> None:
+    assert arm_of_token(token.encode()) == ""
+
+
 @pytest.mark.parametrize(
     ("has", "wanted", "refused"),
     [("left", "right", True), ("left", "left", False), ("", "left", False), ("left", "", False)],

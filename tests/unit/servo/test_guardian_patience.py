@@ -47,6 +47,13 @@ def trip_ns(period_ns: int, timeout_ns: int, seed: int) -> tuple[int, int]:
     return now_ns - timeout_ns // LOOKS_PER_TIMEOUT, last_ns
 
 
+def test_the_least_patience_that_is_told_is_taken() -> None:
+    for rate_hz in range(100, 2001):
+        told = guardian_objection(rate_hz, 0.0).rpartition("at least ")[2]
+        assert guardian_objection(rate_hz, float(told)) == ""
+        assert float(told) < 1.001 * CYCLES_TO_MISS * 1000.0 / rate_hz
+
+
 @pytest.mark.parametrize("rate_hz", RATES_HZ)
 @pytest.mark.parametrize("seed", range(3))
 def test_a_servo_whose_cycles_are_late_keeps_its_board_and_one_that_ends_loses_it(rate_hz: int, seed: int) -> None:
