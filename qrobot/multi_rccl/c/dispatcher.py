@@ -67,7 +67,7 @@ class ManipDispatcher:
             self.let_go()
             raise MotionError("the program has set `terminate`")
         if not background:
-            _skip([each for each in self._manips.values() if not isinstance(each.manip, RobotManip) or each.manip.on])
+            _skip(list(self._manips.values()))
         try:
             answer = call.handler(self, message)
         except UnknownError as error:
@@ -196,6 +196,7 @@ class ManipDispatcher:
         function, shared = message.refs[0], self._shared(message)
 
         def monitor() -> int:
+            _skip([shared])  # what others have said before is for the younger motion, this may be the older
             self._call(Op.CALL_FUNCTION, function)
             return shared.take_nextmove()
 
@@ -262,7 +263,8 @@ def _arm(dispatcher: ManipDispatcher, message: CallMessage) -> Any:
 def _skip(manips: Iterable[SharedManip]) -> None:
     """End the motions that the program wants to be ended."""
     for each in manips:
-        if code := each.take_nextmove():
+        on = not isinstance(each.manip, RobotManip) or each.manip.on
+        if on and (code := each.take_nextmove()):
             each.manip.skip(code)
 
 

@@ -103,8 +103,8 @@ class Dispatcher:
             self._variables.take_outputs(arm)
         if self._variables.terminate:
             arm.stop()
-        elif code := self._nextmove():
-            arm.nextmove(code)
+        else:
+            self._skip(arm)
 
     def _look_at_flags(self) -> None:
         """Obey what the program has assigned since the latest sample."""
@@ -113,8 +113,12 @@ class Dispatcher:
         if self._variables.terminate:
             self.let_go()
             raise MotionError("the program has set `terminate`")
-        if code := self._nextmove():
-            self._arm.nextmove(code)
+        self._skip(self._arm)
+
+    def _skip(self, arm: Channel) -> None:
+        """End the motion that the program wants to be ended."""
+        if not arm.released and (code := self._nextmove()):
+            arm.nextmove(code)
 
     def _nextmove(self) -> int:
         code = self._variables.take_nextmove()
@@ -205,13 +209,14 @@ class Dispatcher:
 
     def evalfn(self, message: CallMessage) -> CallReply:
         """A function during the next motion. What it returns is no code: of old it returned nothing."""
-        function = message.refs[0]
+        function, arm = message.refs[0], self.arm
 
         def monitor() -> int:
+            self._skip(arm)  # what others have said before is for the younger motion, this may be the older
             self._call(Op.CALL_FUNCTION, function)
             return self._nextmove()
 
-        self.arm.evalfn(monitor)
+        arm.evalfn(monitor)
         return None
 
     def update(self, message: CallMessage) -> CallReply:
