@@ -20,7 +20,7 @@ from qrobot.arcl.motion import Motion
 from qrobot.arcl.segment_time import segment_time
 from qrobot.arcl.trans import Trans
 from qrobot.arrays import Floats
-from qrobot.errors import FenceCrossed, JointLimit, MotionError, Singular, Unreachable
+from qrobot.errors import FenceCrossed, JointLimit, MotionError, Singular, Unreachable, raise_first
 from qrobot.fences.fence_set import FenceSet
 from qrobot.motion import (
     FULL_SPEED,
@@ -147,12 +147,20 @@ class MotionQueue:
             self._try(motion, self.engine.judge)
 
     def stop(self, seconds: float) -> None:
-        """Drop what waits, and come to rest in at least `seconds`."""
+        """Drop what waits, and come to rest in at least `seconds`.
+
+        Raises Exception: the first that a function of the program has raised, once all motions are told.
+        """
         if self.kept is not None:
             self.kept.give_up(seconds)
         self.engine.stop(seconds)
+        failed: list[BaseException] = []
         while self._waiting:
-            self._end(self._waiting.popleft(), ArclEvent.EVENT_STOP, None)
+            try:
+                self._end(self._waiting.popleft(), ArclEvent.EVENT_STOP, None)
+            except BaseException as error:
+                failed.append(error)
+        raise_first(failed, ours_too=True)
 
     def skip(self) -> None:
         """End the motion under way: go on to the next one, or stop if none waits."""

@@ -267,8 +267,8 @@ class ArclRobot(PathCalls, LineCalls):
             self.finish()
 
     def finish(self) -> None:
-        """Wait until all motions are done, and stop. Raises what `close` raises."""
-        if not self._given_up:
+        """Wait until all motions are done, and stop; does nothing after `close`. Raises what that raises."""
+        if not self._closed and not self._given_up:
             self.wait()
             self.stop()
 
@@ -286,9 +286,8 @@ class ArclRobot(PathCalls, LineCalls):
         self._closed = True
         try:
             if self.ami.error is None:
-                with self.ami.lock():
+                with letting_go(lambda: self.ami.wait(lambda: not self._motions.busy)), self.ami.lock():
                     self._motions.stop(0.0)  # at rest it may still follow a frame that moves
-                self.ami.wait(lambda: not self._motions.busy)
         finally:
             self.ami.close(power_off)
 
