@@ -74,7 +74,7 @@ def quat_invert(q: Quat) -> Quat:
 def quat_interp(begin: Quat, end: Quat, share: float) -> Quat:
     """The orientation `share` (0 to 1) of the way, about one axis and on the shorter arc, as motions turn."""
     R = begin.rotation
-    return quat_of(R @ so3_exp(share * so3_log(np.ascontiguousarray(R.T @ end.rotation))))
+    return quat_of(R @ so3_exp(share * so3_log(R.T @ end.rotation)))
 
 
 def quatvect_of(trans: Trsf) -> QuatVect:

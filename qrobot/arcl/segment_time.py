@@ -111,7 +111,7 @@ class JointGoal:
         """Way and turn of the tool's tip when the joints go by `joints` (n,) to the goal. Shape (6,), m and rad."""
         end, begin = (self.kinematics.forward(q) @ self.T_tool for q in (self.q, self.q - joints))
         D = inverse(end) @ begin
-        return np.concatenate((D[:3, 3], so3_log(np.ascontiguousarray(D))))
+        return np.concatenate((D[:3, 3], so3_log(D)))
 
 
 def segment_time(

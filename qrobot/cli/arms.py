@@ -171,7 +171,7 @@ def servo_settings(
         law_settings=arm.servo.law_settings if law is None else {},
         velocity=velocity or arm.servo.velocity,
         interpolation=interpolation or arm.servo.interpolation,
-        guardian_timeout_ms=arm.servo.guardian_timeout_ms,
+        guardian_timeout_ms=arm.servo.guardian_patience_ms,
         board_timeout_ms=arm.servo.board_timeout_ms,
         emulated=arm.board.emulated,
         board_slips=arm.board.slips,

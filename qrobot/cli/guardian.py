@@ -38,7 +38,7 @@ def guardian(deployment: str = DEFAULT_DEPLOYMENT, *, arm: str | None = None, li
     chosen = choose_arm(deployment, arm)
     warm_up()
     await_turn()
-    arm_name, timeout_ms, card = chosen.name, chosen.servo.guardian_timeout_ms, card_of_arm(chosen)
+    arm_name, timeout_ms, card = chosen.name, chosen.servo.guardian_patience_ms, card_of_arm(chosen)
     with (
         QueuedReport(note, lambda: set_fifo(LINES_PRIORITY)) as told,
         closing(Guardian(arm_name, timeout_ms, told, card, slips=chosen.board.slips)) as watcher,

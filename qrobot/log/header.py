@@ -6,6 +6,7 @@ import json
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, fields
 from importlib.metadata import PackageNotFoundError, version
+from itertools import chain, count
 from pathlib import Path
 from typing import Any, Final
 
@@ -143,9 +144,16 @@ def _version() -> str:
 
 
 def attach_files(paths: Iterable[Path]) -> list[Attachment]:
-    """The configuration files to carry in a log. Raises LogError when one cannot be read."""
+    """The configuration files to carry in a log; a name that another one has too gets a number, as "arm-2.toml".
+
+    Raises LogError when one cannot be read.
+    """
+    found: dict[str, bytes] = {}
     try:
-        return [Attachment(path.name, path.read_bytes()) for path in paths]
+        for path in paths:
+            names = chain([path.name], (f"{path.stem}-{number}{path.suffix}" for number in count(2)))
+            found[next(name for name in names if name not in found)] = path.read_bytes()
+        return [Attachment(name, content) for name, content in found.items()]
     except OSError as error:
         raise LogError(f"cannot attach {error.filename}: {error.strerror}") from None
 

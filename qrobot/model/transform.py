@@ -66,7 +66,7 @@ def so3_exp(rotation_vector: ArrayLike) -> Floats:
 
 def so3_log(R: Floats) -> Floats:
     """`so3_log(so3_exp(w)) == w` for |w| < π: the rotation vector of R, also near identity and near π. Shape (3,)."""
-    return np.array(so3_log_vec(R))
+    return np.array(so3_log_vec(np.ascontiguousarray(R)))  # the one type for which it is compiled
 
 
 def is_transform(T: Floats, tolerance: float = 1e-6) -> bool:

@@ -36,6 +36,7 @@ from qrobot.motion.world.drive_transform import OrientationInterpolation
 from qrobot.motion.world.equation import Equation, Goal
 from qrobot.motion.world.kinematics import ArmKinematics, kinematics_of
 from qrobot.motion.world.limits import MotionLimits, motion_limits
+from qrobot.motion.world.numerical_kinematics import NumericalKinematics
 from qrobot.motion.world.trsf import T6, TransformKind, Trsf
 
 __all__ = [
@@ -63,6 +64,7 @@ __all__ = [
     "MotionMode",
     "MotionSpeed",
     "MoveRequest",
+    "NumericalKinematics",
     "OrientationInterpolation",
     "Output",
     "PlannedPath",

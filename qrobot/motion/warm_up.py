@@ -45,12 +45,13 @@ def warm_up(n: int, blend: Blend) -> None:
 
 
 def warm_up_force(robot: Robot) -> None:
-    """Make what feels forces look at a robot once."""
+    """Make what feels and exerts forces look at a robot once."""
     q, still = np.array(robot.poses["park"] if "park" in robot.poses else np.zeros(robot.n)), np.zeros(robot.n)
     external = ExternalTorque(robot, _PERIOD_S)
     external.observe(ArmSample(q, still, still, q), 1)
     external.estimate()
     external.gravity(q)
+    external.friction.hint(still, external.friction.added(external.friction.setpoint(still, still)))
     controlled_frame(Arm(robot), q, np.eye(4))
 
 

@@ -130,10 +130,11 @@ class ArmStation:
         It takes back whatever is about to power the arm; a program that commands it already is told, and may wait.
         """
         if name == POWER_OFF:
+            ends = not self.commanded_by_program  # as it is before the jog or the step ends, which lets go of the arm
             self.requests.power_off(self.watch.ask_stop(power_off=True))
             self.worker.say(do="stop", power_off=True)
             self.procedures.stop()
-            if not self._commanded:
+            if ends:
                 self.programs.stop()
         else:
             self.requests.act(name)
@@ -189,16 +190,20 @@ class ArmStation:
         where = f" at {' and '.join(arm.arm.name for arm in moved)}" if self._reached else ""
         self.tell(f"no page drives: the program is paused{where}; `Drive from here`, and `Go on`")
 
+    def may_take(self, other: ArmStation) -> bool:
+        """The program of this arm may still take, and power, another one."""
+        return self.programs.live and other in self._reached and not other.commanded_by_program
+
     def end_program_before(self, off: ArmStation) -> None:
-        """End the program of this arm if it may still take, and power, another arm that was powered `off`."""
-        if self.programs.live and off in self._reached and not off.commanded:
-            self.programs.stop()
-            self.tell(f"{off.arm.name} is powered off: the program that may move it is ended")
+        """End the program of this arm, which might take an arm that was powered `off`."""
+        self.programs.stop()
+        self.tell(f"{off.arm.name} is powered off: the program that may move it is ended")
 
     @property
-    def commanded(self) -> bool:
-        """Somebody commands the arm."""
-        return self._commanded
+    def commanded_by_program(self) -> bool:
+        """Somebody commands the arm, and it is nothing of the pendant's own that ends with its power."""
+        own = self.worker.session != "no" or self.procedures.live
+        return self._commanded and not own and not self.watch.problem
 
     @property
     def bridge(self) -> str:

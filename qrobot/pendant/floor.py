@@ -196,7 +196,8 @@ class DriveFloor:
         """An action at one arm; power off takes back the programs of other arms as well that may still power it."""
         with ExitStack() as steps:  # from the last one up
             for each in self.arms if name == POWER_OFF else ():
-                steps.callback(each.end_program_before, arm)
+                if each.may_take(arm):
+                    steps.callback(each.end_program_before, arm)
             steps.callback(arm.act, name)
 
     def _drive(self, page: PageView, message: Any) -> None:

@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 from qrobot.config import Robot, load_robot
 from qrobot.errors import ConfigError
+from qrobot.fences.fence_set import FenceSet
 from qrobot.fences.in_force import fences_for
 from qrobot.model.arm import Arm
 from qrobot.motion import Blend, kinematics_of, motion_limits, warm_up, warm_up_cartesian, warm_up_force
@@ -75,6 +76,7 @@ def compile_joint_motion(robot: str) -> None:
 def compile_motion(robot: str) -> None:
     """Compile what a program moves `robot` by, ahead of it. Raises ConfigError when there is no such robot."""
     compile_all(load_robot(robot), Blend.QUARTIC)
+    FenceSet(load_robot(robot), []).compiled()
 
 
 def compile_all(robot: Robot, blend: Blend) -> None:

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from qrobot.config import Robot
+from qrobot.config.deployment import GUARDIAN_TIMEOUT_MS
 from qrobot.config.force_calibration import ForceCalibration
 from qrobot.errors import ConfigError
 from qrobot.fences.fence_set import FenceSet
@@ -23,7 +24,6 @@ from qrobot.units import NS_PER_S
 
 LOWEST_RATE_HZ, HIGHEST_RATE_HZ = 50.0, 10_000.0  # [A] whether a machine keeps a rate is found out at start
 FASTEST_TOOL_M_S, LONGEST_TOOL_M = 10.0, 2.0  # [A] beyond these somebody meant another unit
-DEFAULT_TIMEOUT_MS = 5.0  # as hostmot2's watchdog; 120 s of soak on a loaded PC showed 3.2 ms at worst
 
 
 @dataclass(frozen=True)
@@ -92,7 +92,7 @@ class ServoSettings:
     velocity: str = DEFAULT_ESTIMATOR
     interpolation: str = DEFAULT_FORM
     guarded: bool = True
-    guardian_timeout_ms: float = DEFAULT_TIMEOUT_MS
+    guardian_timeout_ms: float = GUARDIAN_TIMEOUT_MS
     board_timeout_ms: float = 1.0
     emulated: bool = False
     board_slips: bool = False

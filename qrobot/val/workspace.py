@@ -12,6 +12,7 @@ from qrobot.errors import MotionError
 from qrobot.model.arm import Arm
 from qrobot.model.branch import Branch
 from qrobot.model.transform import inverse, rot_z, transform
+from qrobot.motion import NumericalKinematics, kinematics_of
 from qrobot.val.values import JointLocation, Transformation
 
 _WORDS: Final = {"r": "RIGHTY", "l": "LEFTY", "u": "ABOVE", "d": "BELOW", "n": "NOFLIP", "f": "FLIP"}
@@ -33,6 +34,8 @@ class Workspace:
         self.arm = Arm(robot)
         self.base: Floats = np.eye(4)
         self.tool: Floats = np.eye(4)
+        kinematics = kinematics_of(self.arm)
+        self._searched = kinematics if isinstance(kinematics, NumericalKinematics) else None
 
     @property
     def T_last_tool(self) -> Floats:  # noqa: N802 (name of the field)
@@ -52,18 +55,26 @@ class Workspace:
         return inverse(self.base) @ T
 
     def ways_to(self, location: Transformation | JointLocation) -> list[Floats]:
-        """Joint positions (n,) within their range at which the arm is there, one for each configuration."""
+        """Joint positions (n,) within their range at which the arm is there, one for each configuration.
+
+        Empty for a pose of an arm without a closed form, of which nobody can list the configurations.
+        """
         if isinstance(location, JointLocation):
             return [] if self.arm.limits_passed(location.q) else [location.q]
-        T = self.robot_pose(location.T) @ inverse(self.T_last_tool)
         try:
-            return list(self.arm.inverses(T, self.arm.robot.poses["park"]).values())
+            return list(self.arm.inverses(self._last_link(location.T), self.arm.robot.poses["park"]).values())
         except MotionError:
             return []
 
     def reaches(self, location: Transformation | JointLocation) -> bool:
         """Whether the arm gets there, in any configuration."""
-        return bool(self.ways_to(location))
+        if self._searched is None or isinstance(location, JointLocation):
+            return bool(self.ways_to(location))
+        return self._searched.reaches(self._last_link(location.T))
+
+    def _last_link(self, T: Floats) -> Floats:
+        """Pose of the last link in the robot's base frame with the tool at `T` in the world. Shape (4, 4)."""
+        return self.robot_pose(T) @ inverse(self.T_last_tool)
 
     def other_words(self, T: Floats, q: Floats, branch: Branch) -> str:
         """The fewest words of a configuration in which the arm reaches a pose, as "LEFTY FLIP".

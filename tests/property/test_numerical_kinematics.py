@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from qrobot.config import Robot, load_robot
+from qrobot.config import load_robot
 from qrobot.errors import JointLimit, MotionError, Singular, Unreachable
 from qrobot.model.arm import Arm
 from qrobot.model.branch import Branch
@@ -28,6 +28,7 @@ from qrobot.motion import (
     motion_limits,
 )
 from qrobot.motion.world.numerical_kinematics import NumericalKinematics
+from tests.support.drawn_arms import drawn, within
 from tests.support.motion import ended, run
 from tests.support.puma import const
 
@@ -40,24 +41,6 @@ SMALL = st.lists(st.floats(-0.15, 0.15), min_size=6, max_size=6).map(np.array)
 def packaged(name: str) -> tuple[Arm, NumericalKinematics]:
     arm = Arm(load_robot(name))
     return arm, NumericalKinematics(arm)
-
-
-@cache
-def drawn(seed: int) -> Robot:
-    """A PUMA whose links have been bent, lengthened and moved: no closed form knows it."""
-    random, robot = np.random.default_rng(seed), load_robot("puma560")
-    turns = random.choice([-90.0, 0.0, 90.0, 37.0], 6)
-    turns[[1, 4]] = 90.0, -90.0  # not all axes parallel
-    geometry = robot.geometry.model_copy(update={
-        "family": "generic", "alpha_rad": np.radians(turns + random.uniform(-5.0, 5.0, 6)),
-        "a_m": random.uniform(-0.4, 0.4, 6), "d_m": random.uniform(-0.3, 0.3, 6),
-        "theta_rad": random.uniform(-1.0, 1.0, 6),
-    })  # fmt: skip
-    return robot.model_copy(update={"name": f"drawn {seed}", "geometry": geometry})
-
-
-def within(robot: Robot, shares) -> np.ndarray:
-    return robot.limits.q_min + shares * (robot.limits.q_max - robot.limits.q_min)
 
 
 @pytest.mark.parametrize("name", ["puma560", "stanford"])

@@ -1,4 +1,4 @@
-"""`python -m tests.support.overloads PROGRAM`: kernels of arm and motion that a program compiles after the warm-up."""
+"""`python -m tests.support.overloads --offline PROGRAM`: kernels of arm and motion that a program compiles too late."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from qrobot.cli.console import run_app
 from qrobot.cli.main import make_app
 from qrobot.rccl import connect
 
-OURS = ("qrobot.motion.", "qrobot.model.")
+OURS = ("qrobot.motion.", "qrobot.model.", "qrobot.fences.")
 seen: dict[str, int] = {}
 
 
@@ -26,7 +26,7 @@ def overloads() -> dict[str, int]:
 
 
 def main() -> None:
-    """Run a program off-line and print what the warm-up has left out."""
+    """Run a program as `qrobot run` does and print what the warm-up has left out."""
     warm_up = connect.compile_all
 
     def watched(*arguments: object) -> None:
@@ -34,7 +34,7 @@ def main() -> None:
         seen.update(overloads())
 
     connect.compile_all = watched
-    status = run_app(make_app("run"), ["run", "--offline", *sys.argv[1:]])
+    status = run_app(make_app("run"), ["run", *sys.argv[1:]])
     late = [name for name, number in overloads().items() if number > seen.get(name, 0)]
     print("\n".join(["late:", *sorted(late)]))
     sys.exit(status)

@@ -14,10 +14,15 @@ ROOT = Path(__file__).parents[2]
 
 
 @pytest.mark.skipif(jit_disabled(), reason="nothing is compiled")
-@pytest.mark.parametrize("example", ["02_four_corners.py", "06_conveyor.py"])
-def test_a_program_calls_no_kernel_of_arm_and_motion_that_the_warm_up_has_left_out(
-    example: str, tmp_path: Path
-) -> None:
-    command = [sys.executable, "-m", "tests.support.overloads", ROOT / "examples" / example, "--output", tmp_path]
+@pytest.mark.parametrize(
+    "words",
+    [
+        "--offline examples/06_conveyor.py",
+        "--lockstep examples/09_peg_in_hole.py",  # it gives way
+        "--offline --deployment examples/19_fences.toml examples/19_fences.py",
+    ],
+)
+def test_a_program_calls_no_kernel_of_arm_and_motion_that_the_warm_up_has_left_out(words: str, tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "tests.support.overloads", *words.split(), "--output", tmp_path]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True)
     assert done.stdout.endswith("late:\n\n") or done.stdout.endswith("late:\n"), done.stdout

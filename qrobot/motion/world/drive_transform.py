@@ -83,7 +83,7 @@ def drive_parameters(
     if turn is OrientationInterpolation.TWO_ANGLES:
         _read_two_angles(D, x)
     else:
-        x[3:] = so3_log(np.ascontiguousarray(D))
+        x[3:] = so3_log(D)
     for part in (slice(3, 6),) if turn is OrientationInterpolation.ONE_AXIS else (slice(3, 5), slice(5, 6)):
         x[part] = _one_way(x[part]) if near is None else _nearer(x[part], near[part])
     return x

@@ -67,6 +67,10 @@ class NumericalKinematics:
             raise Singular(f"{_where(T)}: some motion of T6 would need joints without bound")
         return q
 
+    def reaches(self, T: Floats) -> bool:
+        """Whether some joint positions within their ranges have pose `T` (4, 4), as far as the searches tell."""
+        return any(self._maybe_solved(T, start, bounded=True) is not None for start in self._starts)
+
     def near_singular(self, q: Floats) -> bool:
         """See `ArmKinematics.near_singular`."""
         return self._least_singular_value(q) < NEAR_SINGULAR

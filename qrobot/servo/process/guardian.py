@@ -17,6 +17,7 @@ from typing import Any, Final
 import numpy as np
 
 from qrobot.arrays import Words
+from qrobot.config.deployment import GUARDIAN_TIMEOUT_MS
 from qrobot.errors import LinkError
 from qrobot.hwif.arm_clock import STALL_NS, arm_time_ns, may_slip_ns
 from qrobot.hwif.board_memory import BoardMemory, Lane, attach_board_memory, local_board_memory
@@ -40,7 +41,6 @@ from qrobot.servo.memory.servo_memory import (
     servo_front,
 )
 from qrobot.servo.memory.telemetry import SMALLEST_RING
-from qrobot.servo.settings import DEFAULT_TIMEOUT_MS
 from qrobot.units import NS_PER_S
 
 GUARDIAN_LANE: Final = int(Lane.GUARDIAN)
@@ -149,7 +149,7 @@ class Guardian:
     def __init__(
         self,
         arm: str,
-        timeout_ms: float = DEFAULT_TIMEOUT_MS,
+        timeout_ms: float = GUARDIAN_TIMEOUT_MS,
         report: Report = lambda _line: None,
         card: Words | None = None,
         slips: bool = False,

@@ -128,6 +128,26 @@ def test_info_tells_of_several_logs_and_of_a_rotated_one_once(
     assert run_app(make_app(), ["log", "info"]) == 1
 
 
+@pytest.mark.parametrize("at", [0, 1, 2])
+def test_info_of_several_logs_tells_those_that_can_be_read(
+    at: int, log_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (bad := tmp_path / "bad.mcap").write_bytes(b"no log")
+    write_log(tmp_path / "other.mcap", make_rows(500), make_header())
+    files = [str(log_file), str(tmp_path / "other.mcap")]
+    files.insert(at, str(bad))
+    assert run_app(make_app(), ["log", "info", *files]) == 1
+    told = capsys.readouterr()
+    assert told.out.count("rate hz") == 2
+    assert "1 of 3 logs cannot be read: " in told.err
+    assert str(bad) in told.err.replace("\n", "")
+    assert run_app(make_app(), ["log", "info", *files, "--json"]) == 1
+    facts = json.loads(capsys.readouterr().out)
+    assert [each.get("cycles") for each in facts if "error" not in each] == [400, 500]
+    assert facts[at]["files"] == [str(bad)]
+    assert str(bad) in facts[at]["error"]
+
+
 def test_info_for_people_says_the_same_in_a_table(log_file: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert run_app(make_app(), ["log", "info", str(log_file)]) == 0
     text = " ".join(capsys.readouterr().out.split())

@@ -29,7 +29,7 @@ def test_packaged_deployments_load_and_name_packaged_robots(name: str) -> None:
 def test_defaults_are_those_of_the_papers(tmp_path: Path) -> None:
     [arm] = load(tmp_path, ONE).arm
     assert (arm.servo.rate_hz, arm.bridge.period_ms, arm.bridge.host) == (1000, 28.0, "127.0.0.1")
-    assert arm.servo.guardian_timeout_ms == 5.0
+    assert arm.servo.guardian_patience_ms == 5.0
     assert (arm.board.kind, arm.board.plant, arm.board.calibrated) == ("emulator", "nominal", True)
 
 
@@ -94,10 +94,13 @@ def test_a_board_and_a_drive_may_not_be_one_node_and_cards_may_not_overlap(tmp_p
         ("servo = { rate = 1000 }", r"arm\.0\.servo\.rate: unknown key; did you mean 'rate_hz'"),
         ("servo = { require_realtime = 1 }", r"arm\.0\.servo\.require_realtime: .*valid boolean"),
         (
-            "servo = { rate_hz = 399 }",
+            "servo = { rate_hz = 399, guardian_timeout_ms = 5 }",
             r"arm\.0\.servo: servo\.guardian_timeout_ms 5 is too short .* 399 Hz: at least 5\.01",
         ),
-        ("servo = { rate_hz = 100 }", r"arm\.0\.servo: servo\.guardian_timeout_ms 5 is too short .*: at least 20"),
+        (
+            "servo = { rate_hz = 100, guardian_timeout_ms = 19 }",
+            r"arm\.0\.servo: servo\.guardian_timeout_ms 19 is too short .*: at least 20",
+        ),
         ("servo = { guardian_timeout_ms = nan }", r"arm\.0\.servo\.guardian_timeout_ms: .*finite"),
         ('signals = [{ name = "p", analog = 6 }]', r"arm\.0: .*channel 6 is not in servo\.sensor_channels"),
         ('signals = [{ name = "p", outputs = [2, 2] }]', r"arm\.0: .*'p': the arm has no output 2"),

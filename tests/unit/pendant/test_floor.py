@@ -324,13 +324,15 @@ def test_power_off_ends_what_is_about_to_power_the_arm_and_lets_a_program_that_c
 ) -> None:
     for name in ("programs", "procedures"):
         runner = getattr(floor.station, name)
-        monkeypatch.setattr(type(runner), "live", True)
         monkeypatch.setattr(runner, "end", lambda name=name: floor.asked.append(name))
-    off = ["power off", {"do": "stop", "power_off": True}, "procedures"]
+    monkeypatch.setattr(type(floor.station.programs), "live", True)
+    off = ["power off", {"do": "stop", "power_off": True}]
     floor.station.watch._tell(State(1, RobotState(**READY), commanded=True))  # type: ignore[arg-type]
     assert floor.says(1, do="act", arm=0, name="power off") == off  # one that keeps its path waits on it
     floor.station.watch._tell(State(1, RobotState(**READY)))  # type: ignore[arg-type]
     assert floor.says(1, do="act", arm=0, name="power off") == [*off, "programs"]
+    monkeypatch.setattr(type(floor.station.procedures), "live", True)
+    assert floor.says(1, do="act", arm=0, name="power off") == [*off, "procedures", "programs"]
 
 
 def test_a_program_of_two_arms_is_paused_at_both_when_either_of_them_is_left(

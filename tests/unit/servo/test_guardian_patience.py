@@ -10,7 +10,7 @@ import pytest
 
 from qrobot.cli.console import run_app
 from qrobot.cli.main import make_app
-from qrobot.config.deployment import CYCLES_TO_MISS, guardian_objection
+from qrobot.config.deployment import CYCLES_TO_MISS, ServoChoice, guardian_objection
 from qrobot.hwif.board_memory import local_board_memory
 from qrobot.hwif.isa.card import NO_CARD, make_card
 from qrobot.servo.memory.servo_memory import local_servo_memory, servo_front
@@ -52,6 +52,7 @@ def test_the_least_patience_that_is_told_is_taken() -> None:
         told = guardian_objection(rate_hz, 0.0).rpartition("at least ")[2]
         assert guardian_objection(rate_hz, float(told)) == ""
         assert float(told) < 1.001 * CYCLES_TO_MISS * 1000.0 / rate_hz
+        assert ServoChoice(rate_hz=rate_hz).guardian_patience_ms == max(5.0, float(told))
 
 
 @pytest.mark.parametrize("rate_hz", RATES_HZ)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
 from qrobot.cli.arms import choose_arm
@@ -10,9 +11,10 @@ from qrobot.config.fences import Fence
 from qrobot.fences.fence_set import FenceSet
 from qrobot.val.check import check_text
 from qrobot.val.signal_lines import SignalLines, signal_lines_of
-from qrobot.val.values import transformation
+from qrobot.val.values import numbers_of, transformation
 from qrobot.val.vocabulary import LOCATION_VALUES, NUMBER_VALUES
 from qrobot.val.workspace import Workspace
+from tests.support.drawn_arms import drawn, within
 from tests.support.val_runs import EXAMPLES, main_program
 
 ROBOT = load_robot("puma560")
@@ -91,6 +93,17 @@ def test_a_mistake_is_told_with_line_and_column(line: str, column: int, said: st
     mistakes = check_text(main_program("; a comment", line, rest=PLACES), ROBOT)
     assert [(mistake.line, mistake.column) for mistake in mistakes] == [(3, column)]
     assert said in mistakes[0].what
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_places_are_looked_at_for_an_arm_without_a_closed_form(seed: int) -> None:
+    random, robot = np.random.default_rng(seed), drawn(seed)
+    space = Workspace(robot)
+    reached = [numbers_of(space.tool_at(within(robot, random.uniform(0.02, 0.98, 6)))) for _ in range(4)]
+    stored = [f"p{k} " + " ".join(map(str, numbers)) for k, numbers in enumerate(reached)]
+    places = "\n".join([".LOCATIONS", *stored, "far 9000 0 0 90 90 0", ".END"])
+    mistakes = check_text(main_program(*(f"MOVE p{k}" for k in range(4)), "MOVE far", rest=places), robot)
+    assert [(each.line, each.what) for each in mistakes] == [(6, "MOVE: the arm does not reach this place")]
 
 
 @pytest.mark.parametrize("word", sorted({*LOCATION_VALUES, *NUMBER_VALUES}))
