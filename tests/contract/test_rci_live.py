@@ -204,10 +204,10 @@ def test_a_robot_is_stopped_when_its_task_turns_rogue() -> None:
     robot = FakeRobot(START, period_us=4_000, patience=1 << 40)  # it stops only when it is told
     with served(robot):
         td = task("puma560", lambda td: td.chg.go_to(START))
-        rci.rci_timeout(td, 0.1)
         rci.rci_start(td.bit)
         rci.rci_wait(lambda: td.runs > 3)
         rci.rci_control(td, endless)
+        rci.rci_timeout(td, 0.1)
         with pytest.raises(RogueTask):
             rci.rci_wait(lambda: False)
         wait_until(lambda: robot.mode is Mode.HOLDING, "a controlled stop")
@@ -219,15 +219,15 @@ def test_a_robot_is_stopped_when_its_task_turns_rogue() -> None:
 def test_a_task_that_cannot_be_interrupted_is_given_up_and_its_robot_let_go(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(host_thread, "PATIENCE_S", 0.2)
     robot, forever = FakeRobot(START, period_us=4_000), threading.Event()
-    with served(robot):
+    with served(robot) as server:
         td = task("puma560", lambda td: td.chg.go_to(START))
-        rci.rci_timeout(td, 0.1)
         rci.rci_start(td.bit)
         rci.rci_wait(lambda: td.runs > 3)
         rci.rci_control(td, lambda _: forever.wait(PATIENCE_S))
+        rci.rci_timeout(td, 0.1)
         with pytest.raises(RogueTask, match="does not return"):
             rci.rci_wait(lambda: False)
-        wait_until(lambda: robot.mode is not Mode.TRACKING, "a stop")
+        wait_until(lambda: server.over, "its connection is closed")
         rci.rci_close()
         forever.set()
 
@@ -267,16 +267,18 @@ def test_a_bridge_that_goes_away_ends_the_task_and_no_other() -> None:
 
 def test_a_task_changes_its_own_interval() -> None:
     seen: list[int] = []
+    due: list[int] = []
 
     def slow_down(td: TaskDescriptor) -> None:
+        due.append(td.run_count)
         seen.append(rci.rci_ticks())
         rci.rci_onclock(td, 7)
 
-    td = task("a", slow_down, 3)
+    td, begin = task("a", slow_down, 3), rci.rci_ticks()
     rci.rci_start(td.bit)
-    rci.rci_wait(lambda: td.runs >= 10)
-    assert len(seen) >= 10
-    assert seen[9] - seen[0] >= 8 * 7  # the first step is one of 3
+    rci.rci_wait(lambda: due and td.runs >= due[0] + 10)
+    # What was due at its first run was so at the old interval; a late one comes later than its tick, and never sooner.
+    assert all(tick >= begin + 7 * number for number, tick in enumerate(seen[due[0] :]))
 
 
 def test_an_error_in_a_task_and_a_processor_that_is_not_there_are_told() -> None:

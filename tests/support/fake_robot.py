@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import socket
+import sys
 import threading
 from collections.abc import Callable
 from contextlib import suppress
@@ -36,12 +37,17 @@ from qrobot.wire import (
 START_NS = 1_000_000_000
 POWERING_PERIODS = 3
 START_TOLERANCE = 0.02
+USUAL_PATIENCE = 2
 SERVO_GONE = WireError(ErrorCode.SERVO_GONE, "the servo does not run; this connection waits for it", False)
 SERVO_NEW = WireError(ErrorCode.SERVO_NEW, "the servo has started anew", False)
 
 
 class FakeRobot:
     """The server of one commander. Time passes by one period per STATE.
+
+    Args:
+        patience: periods without a command after which it stops. Without it, `USUAL_PATIENCE` of those that pass when
+            it is asked, and any number of those that pass by the wall clock.
 
     Attributes:
         commands: everything the commander said.
@@ -50,7 +56,7 @@ class FakeRobot:
         path: setpoints followed, one per period. Shape (periods, n) as an array.
     """
 
-    def __init__(self, q: tuple[float, ...], name: str = "puma560", period_us: int = 28_000, patience: int = 2) -> None:
+    def __init__(self, q: tuple[float, ...], name: str = "puma560", period_us: int = 28_000, patience: int = 0) -> None:
         self.name, self.period_us = name, period_us
         self.q = tuple(float(x) for x in q)
         self.mode = Mode.OFF
@@ -67,7 +73,7 @@ class FakeRobot:
         self.seq = 0
         self._t_ns = START_NS
         self._connection = Connection(Side.SERVER)
-        self._patience = patience  # periods without a command
+        self._patience = patience
         self._powering = 0
         self._stream = self._dead_stream = -1
         self._heard = 0
@@ -97,6 +103,10 @@ class FakeRobot:
     def forget_client(self) -> None:
         """Wait for a greeting, as after a connection that has broken."""
         self._connection = Connection(Side.SERVER)
+
+    def be_patient(self) -> None:
+        """Wait for commands as long as it takes, unless it was told for how long."""
+        self._patience = self._patience or sys.maxsize
 
     # --------------------------------------------------------------------------------------------------- its one port
 
@@ -182,7 +192,7 @@ class FakeRobot:
                 self.mode, self.event = Mode.OFF, FaultCode.POWER_NO_ACK
             elif self._powering >= POWERING_PERIODS:
                 self.mode = Mode.HOLDING if self.calibrated else Mode.UNCALIBRATED
-        if self.mode is Mode.TRACKING and self.seq - self._heard > self._patience:
+        if self.mode is Mode.TRACKING and self.seq - self._heard > (self._patience or USUAL_PATIENCE):
             self.halt(FaultCode.STREAM_LOST)
 
     def _state(self) -> RobotState:
@@ -206,10 +216,11 @@ class FakeRobot:
 
 
 class SocketRobot:
-    """Serves a `FakeRobot` at the far end of a socket pair, period by period, in a thread."""
+    """Serves a `FakeRobot` at the far end of a socket pair, period by period of the wall clock, in a thread."""
 
     def __init__(self, robot: FakeRobot) -> None:
         self.robot = robot
+        robot.be_patient()
         self.socket, self._near = socket.socketpair()
         self._near.setblocking(False)
         self._over = threading.Event()
@@ -223,6 +234,11 @@ class SocketRobot:
         self.hang_up()
         self._thread.join()
         self.socket.close()
+
+    @property
+    def over(self) -> bool:
+        """One of both ends has closed the connection."""
+        return self._over.is_set()
 
     def hang_up(self) -> None:
         """Break the connection without a word."""

@@ -72,7 +72,8 @@ def test_a_program_in_command_keeps_the_hand_away_but_not_from_the_switch(arm: R
     program = tmp_path / "holder.py"
     program.write_text(HOLDER)
     with arm.program(program) as process:
-        arm.wait_for(Mode.HOLDING)
+        assert process.stdout is not None
+        assert process.stdout.readline() == "in command\n"
         status, _, complaint = ctl(arm, "law", "pd")
         assert status == 1
         assert "is commanded by" in complaint
