@@ -371,11 +371,13 @@ def test_a_servo_is_believed_as_long_as_it_drives_the_robot_of_the_deployment_fi
     other = OtherServo(name, "puma560", 6, lambda: now_s[0])
     for robot, n in (("puma560", 6), ("stanford", 6), ("puma560", 5), ("puma560", 6)):
         with create_servo_memory(name, robot, "pd", n, 1_000_000, 16) as servo:
-            now_s[0] += RETRY_S
-            assert (other.snapshot() is not None) is ((robot, n) == ("puma560", 6))
-            servo.front.info.joints -= 1  # started anew in the same file, out of another deployment file
-            servo.front.header.generation += 1
-            now_s[0] += RETRY_S
-            assert other.snapshot() is None
+            for drives in (robot, "ur5e", robot):  # started anew in the same file, out of another deployment file
+                servo.front.info.robot_name = drives.encode()
+                servo.front.header.generation += 1
+                now_s[0] += RETRY_S
+                believed = (drives, n) == ("puma560", 6)
+                assert (other.snapshot() is not None) is believed
+                wrong = "5 joints, not 6" if drives == "puma560" else f"{drives!r}, not 'puma560'"
+                assert other.mismatch == ("" if believed else f"the servo of {name} drives {wrong}")
     now_s[0] += RETRY_S
-    assert other.snapshot() is None
+    assert (other.snapshot(), other.mismatch) == (None, "")
