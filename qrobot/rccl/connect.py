@@ -42,9 +42,9 @@ def open_channel(
     period_us = 0 if period_ms is None else sample_period_us("control", period_ms)
     arm = load_robot(robot) if isinstance(robot, str) else robot
     link = factory(hello_for(arm.name, period_us))
-    if apart and not link.virtual_time:
-        return _open_apart(link, arm, clear_fault, blend, processor)
     fences = fences_for(arm.name, bridge)
+    if apart and not link.virtual_time:
+        return _open_apart(link, arm, clear_fault, blend, processor, fences)
     compile_all(arm, blend)
     if not link.virtual_time:
         prepare_interpreter()
@@ -60,12 +60,14 @@ def open_channel(
         raise
 
 
-def _open_apart(link: Link, robot: Robot, clear_fault: bool, blend: Blend, processor: str) -> Channel:
+def _open_apart(
+    link: Link, robot: Robot, clear_fault: bool, blend: Blend, processor: str, fences: FenceSet | None
+) -> Channel:
     from qrobot.rccl.process.opening import open_apart
 
     if not isinstance(link, TcpLink):
         raise ConfigError(f"processor {processor!r}: another process reaches the robot by its bridge alone")
-    return open_apart(link, robot, clear_fault, blend, processor)
+    return open_apart(link, robot, clear_fault, blend, processor, fences)
 
 
 def compile_joint_motion(robot: str) -> None:

@@ -60,13 +60,14 @@ class AuxiliaryProcessor:
         calls.be_processor(SharedProgram(self._table, parent, lambda: clock.ticks, image.parent_pid))
 
     def _take_task(self, record: TaskRecord, image: ProcessorImage) -> None:
-        data = None if record.robot is None else record.robot.data()
         words = record.area.words
-        td = TaskDescriptor(record.name, record.bit, record.processor, words, data, record.priority)
+        td = TaskDescriptor(record.name, record.bit, record.processor, words, record.data, record.priority)
         self._table.add(td)
         if record.processor == image.name:
             self._tds.append(td)
-            self._host.order("add", td, link_maker(image.environment, record.robot, data))
+            if record.data is not None and record.data.fences is not None:
+                record.data.fences.compiled()
+            self._host.order("add", td, link_maker(image.environment, record.robot, record.data))
 
     def _take_area(self, record: AreaRecord) -> None:
         memory = record.area.words.view(np.uint8)[: record.size]

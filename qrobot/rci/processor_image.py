@@ -11,7 +11,7 @@ from qrobot.arrays import Floats
 from qrobot.rci.descriptor import TaskDescriptor
 from qrobot.rci.environment import Environment
 from qrobot.rci.mapped_area import MappedArea
-from qrobot.rci.robot_data import KnownRobot
+from qrobot.rci.robot_data import KnownRobot, RobotData
 from qrobot.rci.task_table import SharedArea
 
 SharedVariable = tuple[str, str, str, tuple[int, ...]]
@@ -50,7 +50,10 @@ class TaskNumbers:
 
 @dataclass(frozen=True)
 class TaskRecord:
-    """Ingredients of a descriptor: `TaskDescriptor`, with its words and the entry of its robot."""
+    """Ingredients of a descriptor: `TaskDescriptor`, with its words, and the entry and the data of its robot.
+
+    Fences are in the data: the program alone knows which are in force.
+    """
 
     name: str
     bit: int
@@ -58,6 +61,7 @@ class TaskRecord:
     priority: int
     area: MappedArea
     robot: KnownRobot | None
+    data: RobotData | None
 
 
 @dataclass(frozen=True)

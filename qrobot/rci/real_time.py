@@ -98,8 +98,8 @@ class RealTimeProcessors:
         """Start the processors that are processes, or on other hosts, now that all tasks and memory are known."""
         self._numbers.know(areas)
         records = [
-            TaskRecord(t.td.name, t.td.bit, t.td.processor, t.td.priority, self._area_of(t.td.words), t.robot)
-            for t in tasks
+            TaskRecord(td.name, td.bit, td.processor, td.priority, self._area_of(td.words), robot, td.robot)
+            for td, robot in tasks
         ]
         regions = [
             AreaRecord(a.area.label, a.area.memory.nbytes, a.area.access, self._area_of(a.area.memory), a.variable)

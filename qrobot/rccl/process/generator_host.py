@@ -18,7 +18,7 @@ from typing import Any, Final
 from qrobot.arrays import Floats
 from qrobot.config import Robot
 from qrobot.errors import LinkError, QRobotError
-from qrobot.fences.in_force import fences_for
+from qrobot.fences.fence_set import FenceSet
 from qrobot.motion import Blend, MotionEvent, Output, PlannedPath
 from qrobot.rccl.connect import compile_all
 from qrobot.rccl.open_motions import OpenMotions, Placed
@@ -51,6 +51,7 @@ class GeneratorOptions:
     Attributes:
         answer_s: how long the bridge may be silent.
         cpu: processor of this machine that it is kept on, None for any.
+        fences: that the arm keeps off, None for none; those in force are the program's, and unknown to its processes.
     """
 
     robot: Robot
@@ -60,6 +61,7 @@ class GeneratorOptions:
     clear_fault: bool
     blend: Blend
     cpu: int | None
+    fences: FenceSet | None
 
 
 class _ReportedMotions(OpenMotions):
@@ -92,8 +94,7 @@ class _ReportedTask(TrajectoryTask):
     """A task that tells of each sample."""
 
     def __init__(self, host: GeneratorHost, options: GeneratorOptions, period_s: float) -> None:
-        fences = fences_for(options.robot.name)
-        super().__init__(options.robot, period_s, options.clear_fault, options.blend, None, fences)
+        super().__init__(options.robot, period_s, options.clear_fault, options.blend, None, options.fences)
         self.reported = _ReportedMotions(self.motions.arm, host.ends.number_of)
         self.motions = self.reported
         self._host = host
@@ -207,6 +208,8 @@ class GeneratorHost:
         lock_memory()
         tighten_timers()
         compile_all(options.robot, options.blend)
+        if options.fences is not None:
+            options.fences.compiled()
         warm_up()
         prepare_interpreter()
         link = TcpLink(options.hello, options.address, answer_s=options.answer_s)

@@ -8,6 +8,7 @@ from typing import cast
 
 from qrobot.config import Robot
 from qrobot.errors import LinkError, LocalProtocolError
+from qrobot.fences.fence_set import FenceSet
 from qrobot.motion import Blend
 from qrobot.rccl.arm_session import ArmSession
 from qrobot.rccl.channel import Channel
@@ -21,8 +22,10 @@ from qrobot.rci.processor_names import claim_processor, cpu_of
 from qrobot.wire import Command, State, Welcome
 
 
-def open_apart(link: TcpLink, robot: Robot, clear_fault: bool, blend: Blend, processor: str) -> Channel:
-    """Take control of `robot` at the far end of `link`, which is not opened here; see `control`.
+def open_apart(
+    link: TcpLink, robot: Robot, clear_fault: bool, blend: Blend, processor: str, fences: FenceSet | None
+) -> Channel:
+    """Take control of `robot` at the far end of `link`, which is not opened here, inside its `fences`; see `control`.
 
     Raises:
         ConfigError: no such processor. LinkBusy: another program has it.
@@ -33,9 +36,9 @@ def open_apart(link: TcpLink, robot: Robot, clear_fault: bool, blend: Blend, pro
     remote = RemoteLink(link, process)
     try:
         welcome: Welcome = process.ask(
-            "open", GeneratorOptions(robot, link.hello, link.address, link.answer_s, clear_fault, blend, cpu)
+            "open", GeneratorOptions(robot, link.hello, link.address, link.answer_s, clear_fault, blend, cpu, fences)
         )
-        task = RemoteTask(robot, welcome.period_us * 1e-6, process, processor)
+        task = RemoteTask(robot, welcome.period_us * 1e-6, process, processor, fences)
         local = cast(TrajectoryTask, task)  # as far as a channel knows it (tests/unit/rccl/test_remote_task.py)
         session = ArmSession(robot.name, remote, local, lambda: RemoteDriver(process, task))
         session.settings.accepted = lambda collision: process.ask("tell_again", collision)

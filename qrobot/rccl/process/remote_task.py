@@ -8,7 +8,7 @@ from typing import Any, Final
 
 from qrobot.config import Robot
 from qrobot.errors import LinkError
-from qrobot.fences.in_force import fences_for
+from qrobot.fences.fence_set import FenceSet
 from qrobot.model.arm import Arm
 from qrobot.motion import EventKind, Exerted, MotionEvent, MoveRequest, PlannedPath
 from qrobot.motion.kept import WayBackLimit
@@ -112,6 +112,7 @@ class RemoteTask:
         period_s: sample period.
         process: of the task.
         processor: its name.
+        fences: that the arm keeps off, None for none.
     """
 
     override = _Setting(FULL_SPEED)
@@ -121,14 +122,16 @@ class RemoteTask:
     retract_m = _Setting(0.0)
     each_sample = None  # there is none: `Channel` refuses it
 
-    def __init__(self, robot: Robot, period_s: float, process: GeneratorProcess, processor: str) -> None:
+    def __init__(
+        self, robot: Robot, period_s: float, process: GeneratorProcess, processor: str, fences: FenceSet | None = None
+    ) -> None:
         self.robot, self.period_s = robot, period_s
         self.group = None
-        self.fences = fences_for(robot.name)
+        self.fences = fences
         self.completed = Level("completed", 1)
         self.motions = OpenMotions(Arm(robot))
         self.timing = CallbackTiming(period_s * 1e3)
-        self.td = TaskDescriptor(robot.name, NO_BIT, processor, local_area(), RobotData(robot, self.fences))
+        self.td = TaskDescriptor(robot.name, NO_BIT, processor, local_area(), RobotData(robot, fences))
         self.chg = self.td.chg
         self.generator = RemoteGenerator(process, lambda: self.seen)
         self.force = RemoteForce(lambda: self.seen)
