@@ -77,8 +77,10 @@ def compile_joint_motion(robot: str) -> None:
 
 def compile_motion(robot: str) -> None:
     """Compile what a program moves `robot` by, ahead of it. Raises ConfigError when there is no such robot."""
-    compile_all(load_robot(robot), Blend.QUARTIC)
-    FenceSet(load_robot(robot), []).compiled()
+    arm = load_robot(robot)
+    compile_all(arm, Blend.QUARTIC)
+    if arm.shape is not None:
+        FenceSet(arm, []).compiled()
 
 
 def compile_all(robot: Robot, blend: Blend) -> None:

@@ -15,6 +15,7 @@ from qrobot.errors import FenceCrossed, MotionError
 from qrobot.fences.fence_set import FenceSet
 from qrobot.fences.in_force import use_fences
 from qrobot.motion import Termination
+from qrobot.rccl import connect
 from qrobot.rccl.held_motion import HeldMotion
 from qrobot.rccl.offline import OfflineLink
 
@@ -126,3 +127,13 @@ def test_a_program_that_asks_how_far_it_may_go_leaves_the_numbers_of_the_generat
     assert arm.clear_share(np.degrees(PARK), np.degrees(PARK) + np.array([0.0, 60.0, -60.0, 0.0, 0.0, 0.0])) < 1.0
     assert (fences._work == before[0]).all()
     assert (fences._rows == before[1]).all()
+
+
+@pytest.mark.parametrize("robot", ["puma560", "stanford"])
+def test_what_moves_an_arm_is_compiled_whether_its_file_tells_a_body_for_fences_or_not(
+    robot: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    compiled: list[str] = []
+    monkeypatch.setattr(connect, "compile_all", lambda arm, _blend: compiled.append(arm.name))
+    connect.compile_motion(robot)
+    assert compiled == [robot]
