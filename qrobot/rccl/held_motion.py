@@ -17,7 +17,7 @@ from qrobot.arrays import Floats
 from qrobot.errors import LinkError, MotionError, QRobotError, ServoFault, TooFast
 from qrobot.motion import Termination
 from qrobot.rccl.channel import Channel
-from qrobot.rccl.jog import SETTLING_MS, measure, position_of
+from qrobot.rccl.jog import SETTLING_MS, asked_joints, measure, position_of
 from qrobot.rccl.position import Position
 from qrobot.rccl.straight_jog import StraightWay
 from qrobot.rccl.trace import reason_of
@@ -71,7 +71,8 @@ class HeldMotion(Generic[HeldT]):
             MotionError: the arm cannot go on. LinkError, ServoFault: it is lost.
         """
         with self._brought_to_rest():
-            goal, arm = self._arm.joints, self._arm
+            arm = self._arm
+            goal = asked_joints(arm)
             end = self._before_fences(goal, joint, self._end_of(joint, goal[joint], way, step))
             if end == goal[joint]:  # it goes no farther that way
                 return

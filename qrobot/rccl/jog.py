@@ -90,7 +90,7 @@ class Stepper:
         return self._go(position_of(goal))
 
     def _turn(self, words: list[str]) -> str:
-        joints = self._arm.joints
+        joints = asked_joints(self._arm)
         try:
             number, step = words
             joint, by = int(number) - 1, float(step)
@@ -133,6 +133,12 @@ class Stepper:
     def _quit(self) -> str:
         self.over = True
         return ""
+
+
+def asked_joints(arm: Channel) -> Floats:
+    """Setpoints of the joints, degrees (mm on a sliding joint), not where they sag to. Shape (n,)."""
+    setpoints: Floats = np.array(arm.how.q_setpoint) * np.where(arm.robot.prismatic, MM_PER_M, DEG_PER_RAD)
+    return setpoints
 
 
 def measure(arm: Channel, name: str) -> Transform:

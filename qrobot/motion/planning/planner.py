@@ -106,7 +106,7 @@ class Planner:
         with _naming(what):
             queued = prepare_motion(request, near if start is None else start, self._kinematics, tick)
         if queued.end is not None:
-            self._limits.check_position(queued.end, what)
+            self._limits.check_position(queued.end, what, near if start is None else start)
         if queued.here:
             enough_samples(request.stay_s, self._settings.period_s)  # which refuses what cannot be counted
             return queued

@@ -59,11 +59,19 @@ class MotionLimits:
         """The same limits with `share` of the speeds, 0 to 1; a share that is none changes nothing."""
         return replace(self, v_max=share * self.v_max, reduction=share * self.reduction) if 0.0 < share < 1.0 else self
 
-    def check_position(self, q: Floats, what: str) -> None:
-        """Raises JointLimit when `q` leaves the range, MotionError when it is no position of this arm at all."""
+    def check_position(self, q: Floats, what: str, start: Floats | None = None) -> None:
+        """Look at a goal `q` (n,). A joint that begins outside its range, at `start` (n,), may stay there or come back.
+
+        Raises:
+            JointLimit: a joint would leave its range, or go farther out.
+            MotionError: it is no position of this arm at all.
+        """
         if q.shape != (self.n,) or not np.isfinite(q).all():
             raise MotionError(f"{what}: {self.n} finite joint positions needed, not {q.tolist()}")
-        if (outside := (q < self.q_min) | (q > self.q_max)).any():
+        q_min, q_max = self.q_min, self.q_max
+        if start is not None:
+            q_min, q_max = np.minimum(q_min, start - _ROUNDING), np.maximum(q_max, start + _ROUNDING)
+        if (outside := (q < q_min) | (q > q_max)).any():
             j = int(outside.argmax())
             low, high = (self._place(j, limit[j]) for limit in (self.q_min, self.q_max))
             raise JointLimit(f"{what}: {self._joint(j)} at {self._place(j, q[j])} is outside {low} to {high}")

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import numpy as np
 import pytest
 
 from qrobot.arrays import Floats
 from qrobot.config import Robot, load_robot
+from qrobot.errors import JointLimit
+from qrobot.motion import motion_limits
 from qrobot.rccl.connect import open_channel
 from qrobot.rccl.held_motion import MARGIN, HeldMotion
 from qrobot.rccl.offline import OfflineLink
@@ -94,3 +98,47 @@ def test_an_axis_that_is_parked_at_its_upper_end_does_not_go_down_by_the_key_tha
     lift = with_range(2, start[2] - 0.5, start[2] + short_of_m)
     assert np.ptp(places_of_a_press(lift, start, 2, 1.0, 0.0)[:, 2]) < STILL
     assert places_of_a_press(lift, start, 2, -1.0, 0.0)[-1, 2] < start[2] - 0.02
+
+
+OUT = {1: 0.015, 2: 0.004, 4: -0.02}  # rad or m beyond the upper, or the lower end
+
+
+def arm_outside(far: Iterable[int]) -> tuple[Robot, Floats]:
+    """A Stanford arm some joints of which stand beyond an end of their range, and where it stands."""
+    limits, start = STANFORD.limits, np.array(STANFORD.poses["park"])
+    q_min, q_max = limits.q_min.copy(), limits.q_max.copy()
+    for joint in far:
+        (q_max if OUT[joint] > 0.0 else q_min)[joint] = start[joint]
+        start[joint] += OUT[joint]
+    ranges = limits.model_copy(update={"q_min": q_min, "q_max": q_max})
+    return STANFORD.model_copy(update={"limits": ranges}), start
+
+
+@pytest.mark.parametrize("step", [0.0, 0.03], ids=["held", "a step"])
+@pytest.mark.parametrize("joint", range(6))
+def test_a_joint_is_moved_while_others_stand_outside_their_range_and_one_of_those_comes_back(
+    joint: int, step: float
+) -> None:
+    robot, start = arm_outside(OUT)
+    back = -float(np.sign(OUT[joint])) if joint in OUT else 1.0
+    places = places_of_a_press(robot, start, joint, back, step)
+    assert np.abs(np.delete(places - start, joint, axis=1)).max() < STILL
+    gone = back * (places[:, joint] - start[joint])
+    assert (np.diff(gone) > -STILL).all()
+    assert gone[-1] > 0.02
+    if joint in OUT:
+        assert np.ptp(places_of_a_press(robot, start, joint, -back, step)[:, joint]) < STILL  # it goes no farther out
+
+
+@pytest.mark.parametrize("joint", OUT)
+def test_a_motion_leaves_no_joint_farther_outside_its_range_than_it_stood(joint: int) -> None:
+    robot, start = arm_outside(OUT)
+    limits = motion_limits(robot)
+    limits.check_position(start, "stays", start)
+    with pytest.raises(JointLimit):
+        limits.check_position(start, "goes there")
+    farther = start.copy()
+    farther[joint] += np.sign(OUT[joint]) * 1e-6
+    with pytest.raises(JointLimit):
+        limits.check_position(farther, "goes out", start)
+    limits.check_position(2.0 * start - farther, "comes back", start)
