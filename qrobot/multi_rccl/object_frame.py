@@ -86,7 +86,7 @@ class ObjectFrame(Manip):
         self.trans = MovingTransform(name, name, self._look)
         self.error: Exception | None = None
         self._group, self._kinematics = group, FrameKinematics()
-        group.transforms.append(self.trans)
+        group.frames.append(self.trans)
         self._parameters, self._motions = FrameParameters(), OpenMotions(self._kinematics)
         self._generator: Generator | None = None
         self._put: Goal | None = None  # where it is to be from the next sample on

@@ -51,7 +51,6 @@ class RobotManip(Manip):
             open_channel, factory, robot, traces=traces_wanted(), prepare=self._prepare, bridge=known.place
         )
         self._group = group
-        group.transforms.append(self.trans)
         self._channel: Channel | None = None
         self._task: TrajectoryTask | None = None
         self._arm: Arm | None = None
@@ -187,6 +186,7 @@ class RobotManip(Manip):
         """Have its samples count as those of the others."""
         self._task, self._arm = task, Arm(task.robot)
         task.group, task.generated = self._group, self._generated
+        self._group.arms[self.trans] = task
         task.td.name = self.name
 
     def _generated(self, q: Floats) -> None:

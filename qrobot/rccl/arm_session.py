@@ -192,10 +192,10 @@ class ArmSession:
         self.wait(lambda: self._task.follows_setpoints)
 
     def _come_to_rest(self) -> None:
-        if (group := self._task.group) is not None and self._task.follows:
+        if (group := self._task.group) is not None:
             with self._driver.lock():
-                group.come_to_rest()  # what this arm holds together with others rests before it is let go of
-            self.wait(lambda: group.rests and not group.carries(self._task))
+                group.rest_with(self._task)  # what this arm holds together with others rests before it is let go of
+            self.wait(lambda: not group.carries(self._task))
         with self._driver.lock():
             self._task.stop()  # at rest it may still follow a frame that moves
         self.wait(lambda: not self._task.eventful)

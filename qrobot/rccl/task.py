@@ -9,6 +9,7 @@ clock and no thread: a `SampleDriver` of RCI calls `step` once per STATE.
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Final
 
 import numpy as np
 
@@ -41,6 +42,8 @@ from qrobot.rci import RobotData, TaskDescriptor
 from qrobot.rci.descriptor import HOST, NO_BIT, local_area
 from qrobot.rci.robot_cycle import SERVO_AWAY, CycleHooks, CyclePhase, RobotCycle
 from qrobot.wire import Command, Payload, RobotState, State
+
+STANDING: Final = 1e-6  # rad/s or m/s: of a setpoint that stands, but for rounding
 
 
 class TrajectoryTask:
@@ -172,10 +175,15 @@ class TrajectoryTask:
         return self.busy or (self._generator is not None and self._generator.has_events)
 
     @property
-    def follows(self) -> bool:
-        """The arm has come to a goal that moves, by what rests when its group does, and stays with it."""
-        stays = self.tied and not self.busy and not self.off_path
-        return stays and (self.group is None or self.group.leads(self.generator.goal))
+    def followed(self) -> Goal | None:
+        """The goal that moves to which the arm has come, and with which it stays; None for none."""
+        return self.generator.goal if self.tied and not self.busy and not self.off_path else None
+
+    @property
+    def moves(self) -> bool:
+        """The arm is under way on its path."""
+        on_path = self._generator is not None and not self.off_path
+        return on_path and bool(np.abs(self.generator.state()[1]).max() > STANDING)
 
     def push(self, order: MoveOrder) -> None:
         """Queue a motion whose course is told to its position.

@@ -7,9 +7,8 @@ arms that use it in the same sample. Arms that are no group are each other's str
 from __future__ import annotations
 
 import threading
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final, Protocol
-
-import numpy as np
 
 from qrobot.errors import MotionError
 from qrobot.wire.sequence import difference
@@ -20,7 +19,7 @@ if TYPE_CHECKING:
 
 
 MOST_APART: Final = 32  # samples by which arms on one clock may differ where they join; more is another clock [A]
-STANDING: Final = 1e-6  # rad/s or m/s: of a setpoint that stands, but for rounding
+LAG: Final = 5  # samples from the last one in which something moved to that at which what it carries stands [A]
 
 
 class GroupMember(Protocol):
@@ -41,6 +40,21 @@ class GroupMember(Protocol):
         """Whether it moves no more."""
 
 
+@dataclass(frozen=True)
+class Carriers:
+    """All that moves an arm which stays with a goal.
+
+    Attributes:
+        frames: objects' frames do, which come to rest when they are told to.
+        arms: other arms do, whose transforms stand in the goal's equation.
+        itself: what nobody but the arm's own stop ends: functions and variables of the program, or forces.
+    """
+
+    frames: bool
+    arms: tuple[TrajectoryTask, ...]
+    itself: bool
+
+
 class TaskGroup:
     """Trajectory tasks of one program.
 
@@ -49,15 +63,19 @@ class TaskGroup:
         tick: the newest sample of any of them.
         period_s: sample period of all of them, 0 before there is any.
         members: what goes along with their samples, in the order in which it was added.
-        transforms: where arms and members are: what follows them comes to rest when they do.
+        frames: where its members are, and others that were or will be members.
+        arms: the task of each arm by the transform that tells where the arm is.
     """
 
     def __init__(self) -> None:
         self.sampled = threading.Condition()
         self.tick, self.period_s = 0, 0.0
         self.members: list[GroupMember] = []
-        self.transforms: list[Trsf] = []
+        self.frames: list[Trsf] = []
+        self.arms: dict[Trsf, TrajectoryTask] = {}
         self._tasks: list[TrajectoryTask] = []
+        self._led_at: dict[TrajectoryTask, int] = {}  # the newest sample at which others led it
+        self._stops: dict[TrajectoryTask, Goal] = {}  # stops to come, once what else carries the arm rests; from where
         self._shared: tuple[int, int] | None = None  # a sample, and its number on the clock that arms share
 
     def join(self, task: TrajectoryTask) -> None:
@@ -94,6 +112,8 @@ class TaskGroup:
         """`task` has let go of its arm; does nothing a second time."""
         if task in self._tasks:
             self._tasks.remove(task)
+        for known in (self._led_at, self._stops):
+            known.pop(task, None)
         if not self._tasks:
             self._shared = None
         if not self._tasks and not self.members:
@@ -109,37 +129,89 @@ class TaskGroup:
         for number in (*left_out, tick):
             for member in self.members:
                 member.before_sample(number)
+        self._led_at |= {task: self.tick for task in self._tasks if self._under_way(task)}
+        for task, goal in list(self._stops.items()):
+            self._stop_in_the_end(task, goal)
+
+    def _stop_in_the_end(self, task: TrajectoryTask, goal: Goal) -> None:
+        if task.followed is not goal:
+            del self._stops[task]
+        elif not self._led(task):
+            del self._stops[task]
+            task.stop()
 
     def lose(self, task: TrajectoryTask) -> None:
         """Control of one arm was lost: the others come to rest on their paths, or with what they hold.
 
-        An arm that follows a frame goes on doing so, for that frame comes to rest; and one that goes back from what it
-        met as well.
+        See `begin_stop`; an arm that goes back from what it met goes on doing so.
         """
         self.leave(task)
         self.begin_stop(retreat_too=False)
 
     def begin_stop(self, retreat_too: bool = True) -> None:
-        """Let all that moves together begin to come to rest; an arm that follows a frame rests with that.
+        """Let all that moves together begin to come to rest.
+
+        An arm that frames or other arms carry rests with those; if it moves by itself besides, it stops then. Arms that
+        carry each other stop.
 
         Args:
             retreat_too: an arm that goes back from what it met stops as well.
         """
         self.come_to_rest()
+        carried = {task: self.carriers(task) for task in self._tasks if self._rests_with_others(task)}
         for task in self._tasks:
-            if not task.follows:
+            if task not in carried:
                 task.stop(retreat_too=retreat_too)
+            elif carried[task].itself and task.followed is not None:
+                self._stops[task] = task.followed
 
-    def leads(self, goal: Goal | None) -> bool:
-        """True for a goal that no function of the program moves."""
-        return goal is not None and all(trsf in self.transforms for trsf in goal.functions)
+    def rest_with(self, task: TrajectoryTask) -> None:
+        """Let what carries an arm begin to come to rest, if frames do."""
+        if self._by_frames(task):
+            self.come_to_rest()
 
     def carries(self, task: TrajectoryTask) -> bool:
-        """True while the arm moves because what it follows does; one that gives way may go on by itself."""
-        goal = task.generator.goal
-        if goal is None or goal.compliance is not None or not task.follows:
-            return False
-        return bool(np.abs(task.generator.state()[1]).max() > STANDING)
+        """True while an arm moves because what carries it has not come to rest yet, though it will."""
+        leaders = self._leaders(task)
+        alone = any(each.moves for each in leaders) or any(self.carriers(each).itself for each in (task, *leaders))
+        return self._led(task) or (task.followed is not None and task.moves and not alone)
+
+    def carriers(self, task: TrajectoryTask) -> Carriers:
+        """All that carries an arm: nothing, unless it stays with a goal."""
+        if (goal := task.followed) is None:
+            return Carriers(frames=False, arms=(), itself=False)
+        frames = [trsf for trsf in goal.moving if trsf in self.frames]
+        arms = {trsf: arm for trsf, arm in self.arms.items() if trsf in goal.moving and arm in self._tasks}
+        others = [trsf for trsf in goal.moving if trsf not in self.frames and trsf not in arms]
+        return Carriers(frames != [], tuple(arms.values()), others != [] or goal.compliance is not None)
+
+    def _leaders(self, task: TrajectoryTask) -> list[TrajectoryTask]:
+        """The arms that carry one, and those that carry these: itself, too, where arms carry each other."""
+        leaders: list[TrajectoryTask] = []
+        ahead = [*self.carriers(task).arms]
+        while ahead:
+            if (arm := ahead.pop()) not in leaders:
+                leaders.append(arm)
+                ahead += self.carriers(arm).arms
+        return leaders
+
+    def _by_frames(self, task: TrajectoryTask) -> bool:
+        """True for an arm that frames carry, if only by way of other arms."""
+        return any(self.carriers(each).frames for each in (task, *self._leaders(task)))
+
+    def _rests_with_others(self, task: TrajectoryTask) -> bool:
+        """True for an arm that rests when all else has come to rest."""
+        carriers = self.carriers(task)
+        return (carriers.frames or carriers.arms != ()) and task not in self._leaders(task)
+
+    def _under_way(self, task: TrajectoryTask) -> bool:
+        """True while what carries an arm is on its way to where it rests: a frame, or another arm on its own path."""
+        led = any(leader.moves and leader.followed is None for leader in self._leaders(task))
+        return led or (self._by_frames(task) and not self.rests)
+
+    def _led(self, task: TrajectoryTask) -> bool:
+        """The same, or the newest setpoints still tell of it."""
+        return self._under_way(task) or self.tick - self._led_at.get(task, -LAG) < LAG
 
     @property
     def tied(self) -> bool:

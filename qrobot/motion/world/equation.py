@@ -130,9 +130,9 @@ class Goal:
         self.fixed = left.fixed and right.fixed and compliance is None
 
     @property
-    def functions(self) -> list[Trsf]:
-        """The functional transforms of both products."""
-        return self.left.functions + self.right.functions
+    def moving(self) -> list[Trsf]:
+        """The variable and functional transforms of both products."""
+        return self.left.moving + self.right.moving
 
     def pose(self, tick: int) -> Floats:
         """T6 at the goal, at sample `tick`. Shape (4, 4)."""

@@ -78,9 +78,9 @@ class Product:
         return not self._moving
 
     @property
-    def functions(self) -> list[Trsf]:
-        """The functional transforms that are asked."""
-        return [trsf for _, trsf in self._moving if trsf.kind is TransformKind.FUNCTION]
+    def moving(self) -> list[Trsf]:
+        """The variable and functional transforms, which are asked at each sample."""
+        return [trsf for _, trsf in self._moving]
 
     def __len__(self) -> int:
         """Number of factors left to multiply at each sample."""

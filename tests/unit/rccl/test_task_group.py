@@ -18,6 +18,7 @@ class FakeTask:
     tick: int
     period_number: int | None
     period_s: float = 0.028
+    followed: None = None
 
     def count_from(self, tick: int) -> None:
         self.tick = max(self.tick, tick)
