@@ -12,7 +12,8 @@ from typing import Final, Protocol
 import numpy as np
 
 from qrobot.arrays import Words
-from qrobot.errors import ConfigError, QRobotError, raise_first
+from qrobot.errors import ConfigError, QRobotError, letting_go, raise_first
+from qrobot.rci.bad_end import at_bad_end, stop_all
 from qrobot.rci.common_clock import CommonClock, checked_rate
 from qrobot.rci.descriptor import AREA_WORDS, HOST, MOST_TASKS, PARENT, TaskDescriptor, TaskState, TaskWord
 from qrobot.rci.environment import Environment, link_maker
@@ -105,6 +106,7 @@ class RciProgram:
         self._sealed = False
         self._told: set[int] = set()  # tasks whose end the program has heard of
         atexit.register(self._at_exit)
+        _open.append(self)
 
     # -------------------------------------------------------------------------------------------------------- creation
 
@@ -305,20 +307,39 @@ class RciProgram:
     def close(self) -> None:
         """Release all tasks and end; see `rci_close`."""
         atexit.unregister(self._at_exit)
+        _open.remove(self)
         try:
             self._let_go(self._tasks, power_off=False)
         finally:
             self._processors.close()
         self._raise_error(self._tasks)
 
+    def begin_stop(self) -> None:
+        """Let all tasks begin to rest; waits for nothing."""
+        held = [td for td in self._tasks if td.state in _RUNNING]
+        for processor, bits in _by_processor(held):
+            with suppress(QRobotError):  # of one that is lost: it does not keep the others from their stop
+                self._processors.begin(processor, "release", bits, False)
+
     def _at_exit(self) -> None:
         try:
-            self.close()
+            with letting_go(self.close):
+                if hasattr(sys, "last_value"):  # something has been raised that nobody has handled
+                    stop_all()
         except Exception as error:
             _exit_status.append(1)
             kind = "" if isinstance(error, QRobotError) else f"{type(error).__name__}: "
             with suppress(OSError):
                 print(f"rci: {kind}{error}", file=sys.stderr)
+
+
+_open: Final[list[RciProgram]] = []
+
+
+@at_bad_end
+def _stop_all() -> None:
+    for program in list(_open):
+        program.begin_stop()
 
 
 _exit_status: Final[list[int]] = []  # of a program that hears of its tasks' bad end when it is over itself

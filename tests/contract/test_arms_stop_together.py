@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import atexit
 import signal
-from collections.abc import Callable
-from contextlib import ExitStack, suppress
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager, suppress
 from contextvars import copy_context
 from itertools import count
 from threading import Thread
@@ -39,6 +41,7 @@ from qrobot.multi_rccl.program import _program
 from qrobot.rccl import Position, gentr_rpy, newtrans, trsl
 from qrobot.rccl.offline import OfflineLink
 from qrobot.rccl.program import ending
+from qrobot.rci import TaskDescriptor
 from qrobot.rci.program_time import program_time
 from qrobot.units import NS_PER_S
 from qrobot.wire import Command, Hello, State
@@ -47,6 +50,7 @@ ARMS: Final = ("left", "middle", "right")
 GOAL_DEG: Final = [40.0, -50.0, 175.0, 30.0, 45.0, 20.0]
 ARCL_GOAL_DEG: Final = [40.0, 60.0, -60.0, 30.0, 45.0, 20.0]
 LONG_MS: Final = 4000.0
+TURN: Final = 1e-3  # rad in each sample
 ENDS_S: Final = 2.0  # from the beginning: all arms are on their way
 AT_ONCE: Final = 40  # samples, until the arm rests and is let go of
 
@@ -148,7 +152,62 @@ def by_libraries(ways: Ways, end: End) -> None:
         end()
 
 
-PROGRAMS: Final = (by_channels, by_blocks, by_manipulators, by_robots, by_libraries)
+def turn(td: TaskDescriptor) -> None:
+    """A control function that moves on for ever."""
+    first, *others = td.how.q_setpoint
+    td.chg.go_to((first + TURN, *others))
+
+
+def start_task() -> None:
+    """An arm that a control function of RCI moves."""
+    td = rci.rci_create("puma560")
+    rci.rci_control(td, turn)
+    rci.rci_start(td.bit)
+
+
+def channel_and_task(ways: Ways, end: End) -> None:
+    arm = start(rccl.control())
+    start_task()
+    arm.waitas(lambda: ways.on_their_way)
+    end()
+
+
+def task_and_channel(ways: Ways, end: End) -> None:
+    start_task()
+    start(rccl.control()).waitas(lambda: ways.on_their_way)
+    end()
+
+
+def by_channel_and_task(ways: Ways, end: End) -> None:
+    with rccl.use(ways.link), rci.use(ways.link), closing_rci(), ending():
+        channel_and_task(ways, end)
+
+
+def by_task_and_channel(ways: Ways, end: End) -> None:
+    with rccl.use(ways.link), rci.use(ways.link), closing_rci(), ending():
+        task_and_channel(ways, end)
+
+
+def by_robot_and_task(ways: Ways, end: End) -> None:
+    with rci.use(ways.link), closing_rci(), _arcl_ending():
+        rp = arcl_open()
+        arcl_move(rp, joint_pos(rp, "GOAL", ARCL_GOAL_DEG), MOV_TIME, LONG_MS)
+        start_task()
+        rp.wait(lambda: ways.on_their_way)
+        end()
+
+
+@contextmanager
+def closing_rci() -> Iterator[None]:
+    """As the interpreter does it in the end."""
+    try:
+        yield
+    finally:
+        rci.rci_close()
+
+
+WITH_TASKS: Final = (by_channel_and_task, by_task_and_channel, by_robot_and_task)
+PROGRAMS: Final = (by_channels, by_blocks, by_manipulators, by_robots, by_libraries, *WITH_TASKS)
 pytestmark = pytest.mark.usefixtures("arcl_alone")
 
 
@@ -198,6 +257,27 @@ def test_a_program_that_exits_with_status_0_has_all_its_motions_done(program: Pr
 @pytest.mark.parametrize("program", PROGRAMS)
 def test_ctrl_c_while_the_last_motions_of_a_program_are_done_stops_all_its_arms(program: Program) -> None:
     assert_all_stop_at_one_sample(sent_by(program, interrupt_s=ENDS_S + 1.0), sent_by(program))
+
+
+@pytest.mark.parametrize(
+    ("begun", "undisturbed"), [(channel_and_task, by_channel_and_task), (task_and_channel, by_task_and_channel)]
+)
+def test_a_channel_and_a_task_begin_to_stop_at_one_sample_when_plain_python_ends_badly(
+    begun: Program, undisturbed: Program, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    at_exit: list[Callable[[], object]] = []
+    expected = sent_by(undisturbed)
+    ways = Ways()
+    monkeypatch.setattr("qrobot.rci.calls._program", None)
+    monkeypatch.setattr("qrobot.rci.calls._shared", None)
+    monkeypatch.setattr(atexit, "register", at_exit.append)
+    monkeypatch.setattr(sys, "last_value", ValueError(), raising=False)
+    with rccl.use(ways.link), rci.use(ways.link):
+        begun(ways, lambda: None)
+        for function in reversed(at_exit):
+            function()
+    assert len(at_exit) == 2
+    assert_all_stop_at_one_sample(ways.sent, expected)
 
 
 def test_an_error_that_is_handled_inside_the_block_of_an_arm_stops_no_other() -> None:

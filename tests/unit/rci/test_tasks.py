@@ -8,8 +8,9 @@ from hypothesis import strategies as st
 
 from qrobot import rci
 from qrobot.config import load_robot
-from qrobot.errors import ConfigError
+from qrobot.errors import ConfigError, LinkLost
 from qrobot.rci import TaskState, VirtualLink
+from qrobot.rci.bad_end import stop_all
 from qrobot.rci.common_clock import checked_rate
 from qrobot.rci.descriptor import MOST_TASKS
 from qrobot.rci.program import RciProgram
@@ -79,6 +80,27 @@ def test_an_error_of_one_processor_keeps_no_other_one_from_its_release(failing: 
             rci.rci_release(rci.ALL)
         monkeypatch.undo()
         assert [td.state for td in tds] == [TaskState.RELEASED] * 2
+
+
+@pytest.mark.parametrize("failing", ["host", "aux"])
+def test_a_bad_end_of_the_program_lets_tasks_begin_to_rest_on_all_processors_but_one_that_is_lost(
+    failing: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    begin = VirtualProcessors.begin
+
+    def lost(self, processor: str, order: str, *arguments: object):
+        if processor == failing:
+            raise LinkLost(f"processor {processor} is lost")
+        return begin(self, processor, order, *arguments)
+
+    with virtual_program() as runs:
+        tds = {name: recorded(runs, name, 1, proc=name) for name in ("host", "aux")}
+        rci.rci_start(rci.ALL)
+        monkeypatch.setattr(VirtualProcessors, "begin", lost)
+        stop_all()
+        monkeypatch.undo()
+        assert [td.state for name, td in tds.items() if name != failing] == [TaskState.RELEASED]
+    stop_all()  # of a program that is closed there is nothing left to stop
 
 
 def test_creating_a_task_does_not_activate_it_and_it_is_active_until_released() -> None:
