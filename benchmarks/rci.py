@@ -133,7 +133,8 @@ def note_compiled(tick: int, memory: Latencies) -> None:
 
 
 def _note(late: list[int], epoch_ns: int, rate: int, _td: rci.TaskDescriptor) -> None:
-    late.append(time.monotonic_ns() - epoch_ns - rci.rci_ticks() * NS_PER_S // rate)
+    due_ns = epoch_ns + rci.rci_ticks() * NS_PER_S // rate
+    late.append(time.monotonic_ns() - due_ns)
 
 
 def _epoch_ns(rate: int) -> int:
