@@ -14,6 +14,7 @@ from qrobot.cli.console import note, out, print_table, write_json
 from qrobot.cli.log_compare import compare
 from qrobot.cli.logs import first_parts, read_and_warn
 from qrobot.cli.option_types import (
+    Gigabytes,
     Megabytes,
     OutputFilm,
     OutputFolder,
@@ -302,6 +303,7 @@ def record(
     arm: str | None = None,
     output: OutputNewLog | None = None,
     max_megabytes: Annotated[Megabytes, Parameter(name="--max-mb")] = 1000.0,
+    keep_gigabytes: Annotated[Gigabytes | None, Parameter(name="--keep-gb")] = None,
     plant: str | None = None,
 ) -> None:
     """Record every cycle of a servo until Ctrl-C, from one servo process to the next.
@@ -320,6 +322,8 @@ def record(
         Directory for the logs, overriding the file; or a new file (.mcap) for the log of the first servo found.
     max_megabytes
         Size at which the next part of a log begins.
+    keep_gigabytes
+        Remove the oldest files of the arm's logs when all together would be more, overriding the file's keep_gb.
     plant
         What the log shall say of the plant, overriding the file.
     """
@@ -329,6 +333,7 @@ def record(
     from qrobot.log.fences_of_log import fence_attachments
     from qrobot.log.follow import ServoFollower, follow, log_paths
     from qrobot.log.header import attach_files
+    from qrobot.log.room import LogRoom
     from qrobot.log.writer import LogWriter
     from qrobot.realtime.signals import set_on_signals
     from qrobot.realtime.startup_order import await_turn
@@ -342,11 +347,14 @@ def record(
     tool = tool_of_arm(chosen)
     paths = log_paths(output or checked_folder(Path(chosen.log.directory or ".")), chosen.name)
 
-    def open_log(servo: ServoInfo, pid: int) -> LogWriter:
-        header = recorded_header(robot, servo, pid, chosen.board.plant if plant is None else plant)
-        return LogWriter(next(paths), header, attachments, round(max_megabytes * MEGABYTE), robot, tool, fences)
-
     with QueuedReport(note) as told, set_on_signals() as stop:
+        keep_gb = keep_gigabytes or chosen.log.keep_gb
+        room = LogRoom(chosen.name, keep_gb, round(max_megabytes * MEGABYTE), told)
+
+        def open_log(servo: ServoInfo, pid: int) -> LogWriter:
+            header = recorded_header(robot, servo, pid, chosen.board.plant if plant is None else plant)
+            return LogWriter(next(paths), header, attachments, room.file_bytes, robot, tool, fences, room.make)
+
         told(f"waiting for the servo of {chosen.name}")
         follow(ServoFollower(chosen.name, open_log, told), stop)
 

@@ -2,34 +2,39 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 
 from qrobot.cli.console import note
-from qrobot.errors import ConfigError
+from qrobot.errors import ConfigError, LogError
+from qrobot.log.topics import part_beside
 
 if TYPE_CHECKING:
     from qrobot.log.read import Log
 
 
-_LATER_PART: Final = re.compile(r"(.+)\.\d{4}(\.mcap)")  # as `part_path` names it
-
-
 def first_parts(files: Sequence[Path]) -> list[Path]:
-    """One file for each log: later parts of a log whose first part is there too are left out.
+    """One file for each log: a part that follows another one of them is left out.
 
     Raises ConfigError when there is no file.
     """
     if not files:
         raise ConfigError("name at least one log, such as out/puma560-*.mcap")
-    return [file for file in files if _first_part_of(file) not in files]
+    return [file for file in files if _part_before(file) not in files]
 
 
-def _first_part_of(file: Path) -> Path | None:
-    found = _LATER_PART.fullmatch(file.name)
-    return file.with_name(found[1] + found[2]) if found else None
+def _part_before(file: Path) -> Path | None:
+    """File of the part before, by what a later part of a log says of itself; None of a first one."""
+    from qrobot.log.mcap_scan import PartScan
+
+    try:
+        scan = PartScan(file)
+        scan.take_head()
+    except LogError:
+        return None
+    header = scan.found.header
+    return None if header is None or header.part == 1 else part_beside(file, header.part, header.part - 1)
 
 
 def read_and_warn(path: Path) -> Log:
@@ -38,7 +43,6 @@ def read_and_warn(path: Path) -> Log:
     Raises:
         LogError: as `read_log`, and when damage has left nothing of it.
     """
-    from qrobot.errors import LogError
     from qrobot.log.read import read_log
 
     log = read_log(path)

@@ -34,6 +34,7 @@ MOST_POSES: Final = 1_000  # [A] a plan of 24 takes minutes
 MOST_WORKERS: Final = 1_024  # [A] processes of one machine
 MOST_FACTOR: Final = 100.0  # [A] of a study's grid of gains
 MOST_LOAD_KG: Final = 1_000.0  # [A] of a weighed load
+LEAST_GB, MOST_GB = 0.01, 1e6  # [A] of all logs of an arm
 MOST_MB: Final = 1e9  # [A]
 LEAST_MB: Final = 0.1  # [A] a part of a log has a header and files of some tens of kilobytes
 
@@ -200,6 +201,7 @@ MoveNumber = Annotated[int, Parameter(validator=Range(1))]
 ArmCount = Annotated[int, Parameter(validator=Range(1, MOST_ARMS))]
 Workers = Annotated[int, Parameter(validator=Range(1, MOST_WORKERS))]
 Megabytes = Annotated[float, Parameter(validator=Range(LEAST_MB, MOST_MB, "MB"))]
+Gigabytes = Annotated[float, Parameter(validator=Range(LEAST_GB, MOST_GB, "GB"))]
 LoadKg = Annotated[float, Parameter(validator=Range(0.0, MOST_LOAD_KG, "kg"))]
 NumberList = Annotated[str, Parameter(allow_leading_hyphen=True)]  # with commas between them
 StartPlace = Annotated[str, Parameter(allow_leading_hyphen=True)]  # see qrobot.config.start_place

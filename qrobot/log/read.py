@@ -15,7 +15,7 @@ from qrobot.log.damage import DamagedPlace
 from qrobot.log.header import LogHeader
 from qrobot.log.mcap_scan import Contents, scan_file
 from qrobot.log.status import LogStatus
-from qrobot.log.topics import part_path
+from qrobot.log.topics import part_beside
 from qrobot.servo.memory.law_history import LawInForce
 from qrobot.servo.memory.telemetry import Rows, TelemetryLayout
 
@@ -113,7 +113,7 @@ def read_log(path: Path | str) -> Log:
         LogError: the file is missing, is no log of this program, or its format or layout is another version's.
     """
     first = Path(path)
-    parts = _scan_parts(first)
+    files, parts = _scan_parts(first)
     header = parts[0].header
     if header is None:
         raise LogError(f"{path} is not a log of this program, or was cut off before its header")
@@ -127,7 +127,7 @@ def read_log(path: Path | str) -> Log:
         status=next((part.status for part in reversed(parts) if part.status.rows), LogStatus()),
         attachments=parts[0].attachments,
         torn=not all(part.ended for part in parts),
-        parts=tuple(part_path(first, number) for number in range(1, len(parts) + 1)),
+        parts=tuple(files),
         laws=laws,
         lost=_lost_cycles(parts, rows, header),
     )
@@ -164,14 +164,17 @@ def _laws_since(laws: Sequence[LawInForce], tick: int) -> tuple[LawInForce, ...]
     return tuple(law for k, law in enumerate(laws) if not any(later.tick <= tick for later in laws[k + 1 :]))
 
 
-def _scan_parts(first: Path) -> list[Contents]:
-    parts = [scan_file(first)]
-    while (following := part_path(first, len(parts) + 1)).exists():
+def _scan_parts(first: Path) -> tuple[list[Path], list[Contents]]:
+    files, parts = [first], [scan_file(first)]
+    own = parts[0].header
+    begin = 1 if own is None else own.part
+    while (following := part_beside(first, begin, begin + len(parts))).exists():
         part = scan_file(following)
-        if part.header is not None and replace(part.header, part=1) != parts[0].header:
+        if part.header is not None and (own is None or replace(part.header, part=begin) != own):
             raise LogError(f"{following} does not belong to {first}: move one of them")
+        files.append(following)
         parts.append(part)
-    return parts
+    return files, parts
 
 
 def _join(blocks: list[Rows], layout: TelemetryLayout) -> Rows:

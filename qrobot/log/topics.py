@@ -17,3 +17,10 @@ SCENE_TOPIC: Final = "/arm/scene"
 def part_path(path: Path, part: int) -> Path:
     """File of part `part`, from 1, of the log `path`: run.mcap, run.0002.mcap, run.0003.mcap."""
     return path if part == 1 else path.with_name(f"{path.stem}.{part:04d}{path.suffix}")
+
+
+def part_beside(path: Path, own: int, part: int) -> Path:
+    """File of part `part` of the log whose part `own` is in `path`; where that was renamed, of one of its new name."""
+    number = f".{own:04d}"
+    first = path.with_name(path.stem.removesuffix(number) + path.suffix) if own > 1 else path
+    return part_path(first, part)

@@ -19,7 +19,7 @@ from qrobot.log.events import LogEvent, log_events
 from qrobot.log.header import LogHeader
 from qrobot.log.mcap_scan import PartScan
 from qrobot.log.read import Log
-from qrobot.log.topics import part_path
+from qrobot.log.topics import part_beside
 from qrobot.servo.memory.telemetry import Rows
 from qrobot.units import NS_PER_S
 
@@ -138,13 +138,13 @@ class LogWindows:
 
     def _begin_part(self) -> bool:
         self.whole = self.whole and self._parts[-1].found.ended
-        following = part_path(self.path, len(self._parts) + 1)
+        following = part_beside(self.path, self.header.part, self.header.part + len(self._parts))
         if not following.exists():
             self._ended = True
             return False
         part = PartScan(following)
         part.take_head()
-        if part.found.header is None or replace(part.found.header, part=1) != self.header:
+        if part.found.header is None or replace(part.found.header, part=self.header.part) != self.header:
             raise LogError(f"{following} does not belong to {self.path}: move one of them")
         self._parts.append(part)
         return True

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from pathlib import Path
 
@@ -31,6 +31,7 @@ class LogWriter:
         robot: the arm, for those who want to look at it; see `ArmView`.
         tool_m: the tip of its tool from the flange.
         fences: see `ArmView`.
+        begun: called with each file that has begun.
 
     Raises:
         LogError: the first part cannot be opened, or an old one not be removed. Later trouble is counted in `status`.
@@ -45,8 +46,9 @@ class LogWriter:
         robot: Robot | None = None,
         tool_m: Point = NO_TOOL,
         fences: ToldFences | None = None,
+        begun: Callable[[Path], object] = lambda _: None,
     ) -> None:
-        self.path = path
+        self.path, self._begun = path, begun
         self._header, self._attachments, self._max_bytes = header, tuple(attachments), max_bytes
         self._stream = LogStream(header, robot, tool_m, fences)
         try:
@@ -62,7 +64,10 @@ class LogWriter:
     def _open(self, number: int) -> LogPart:
         header = replace(self._header, part=number)
         self._stream.begin_part()
-        return LogPart(self._stream, part_path(self.path, number), header, self._attachments)
+        file = part_path(self.path, number)
+        part = LogPart(self._stream, file, header, self._attachments)
+        self._begun(file)
+        return part
 
     @property
     def heading(self) -> str:

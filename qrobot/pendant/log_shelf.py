@@ -8,11 +8,12 @@ from pathlib import Path
 from typing import Any, Final
 
 from qrobot.errors import LogError
+from qrobot.log.topics import part_beside
 
 SUFFIX: Final = ".mcap"
 INCIDENTS: Final = "incidents"  # folder beside an arm's logs
 MOST_LOGS: Final = 200  # the newest
-_FOLLOWING_PART: Final = re.compile(r"\.\d{4}$")  # see `log.topics.part_path`
+_PART_NUMBER: Final = re.compile(r"\.(\d{4,})$")  # see `log.topics.part_path`
 
 
 class LogShelf:
@@ -52,7 +53,13 @@ class LogShelf:
         yield from self._files
         for folder in self._folders:
             for place in (folder, folder / INCIDENTS):
-                yield from sorted(path for path in place.glob(f"*{SUFFIX}") if not _FOLLOWING_PART.search(path.stem))
+                yield from sorted(path for path in place.glob(f"*{SUFFIX}") if _begins_log(path))
+
+
+def _begins_log(path: Path) -> bool:
+    """Whether a file, by its name, is no later part of a log of which the part before is there."""
+    number = _PART_NUMBER.search(path.stem)
+    return number is None or not part_beside(path, int(number[1]), int(number[1]) - 1).exists()
 
 
 def _facts_of(path: Path) -> dict[str, Any] | None:

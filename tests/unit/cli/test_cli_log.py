@@ -219,7 +219,10 @@ def test_record_writes_down_a_running_servo_and_ends_on_sigterm(tmp_path: Path) 
         base = servo_info(memory.words).telemetry_base
         for row in rows.view(np.int64).reshape(3000, row_words):
             append_row(memory.words, base, 4096, row_words, row)
-        command = [sys.executable, "-m", "qrobot", "log", "record", str(tmp_path / "lab.toml")]
+        (tmp_path / "logs").mkdir()
+        old = tmp_path / "logs" / f"{arm}-20250101T000000Z.mcap"
+        old.write_bytes(bytes(10_000_000))
+        command = [sys.executable, "-m", "qrobot", "log", "record", str(tmp_path / "lab.toml"), "--keep-gb", "0.01"]
         recorder = subprocess.Popen(
             [*command, "--output", str(tmp_path / "logs" / "run.mcap"), "--plant", "mismatched"],
             stderr=subprocess.PIPE, text=True,
@@ -231,6 +234,8 @@ def test_record_writes_down_a_running_servo_and_ends_on_sigterm(tmp_path: Path) 
             said = recorder.communicate(timeout=PATIENCE_S)[1]
     assert recorder.returncode == 0, said
     assert f"the servo of {arm} is recorded in " in said
+    assert f"the oldest, {old.name}, are removed" in said
+    assert not old.exists()
     log = read_log(tmp_path / "logs" / "run.mcap")
     np.testing.assert_array_equal(log.rows, rows)
     assert not log.torn
