@@ -162,12 +162,12 @@ def end_all(well: bool) -> None:
 
 def _end(rp: ArclRobot, well: bool) -> None:
     """`end_all` for one robot: where it cannot do its motions the others do theirs, after Ctrl-C all stop."""
-    if not well:
-        stop_all()
     with letting_go(rp.abandon):
         try:
             if well:
                 rp.finish()
+            else:
+                stop_all()
         except QRobotError:
             raise
         except BaseException:

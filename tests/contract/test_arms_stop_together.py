@@ -20,6 +20,7 @@ from qrobot.arcl import MOV_TIME, arcl_open, joint_pos
 from qrobot.arcl import move as arcl_move
 from qrobot.arrays import Floats
 from qrobot.cli.run import _arcl_ending
+from qrobot.errors import letting_go
 from qrobot.motion import Termination
 from qrobot.multi_rccl import (
     EQ,
@@ -37,11 +38,12 @@ from qrobot.multi_rccl import (
     wait_as,
     wait_for,
 )
-from qrobot.multi_rccl.program import _program
+from qrobot.multi_rccl.c.dispatcher import ManipDispatcher
+from qrobot.multi_rccl.program import _program, this_program
 from qrobot.rccl import Position, gentr_rpy, newtrans, trsl
 from qrobot.rccl.offline import OfflineLink
 from qrobot.rccl.program import ending
-from qrobot.rci import TaskDescriptor
+from qrobot.rci import TaskDescriptor, bad_end
 from qrobot.rci.program_time import program_time
 from qrobot.units import NS_PER_S
 from qrobot.wire import Command, Hello, State
@@ -56,7 +58,7 @@ AT_ONCE: Final = 40  # samples, until the arm rests and is let go of
 
 
 class Ways:
-    """Links to ideal arms; what each was sent at which instant of the program.
+    """Links to ideal arms; what each was sent at which instant of the program, and whose links were closed.
 
     Args:
         interrupt_s: time from the beginning at which Ctrl-C comes, None for never.
@@ -64,13 +66,15 @@ class Ways:
 
     def __init__(self, interrupt_s: float | None = None) -> None:
         self.sent: Sent = {}
+        self.closed: list[str] = []
         self._numbers = count()
         self._begun_ns = program_time().now_ns
         self._interrupt_s = interrupt_s
 
     def link(self, hello: Hello) -> OfflineLink:
         """The way to the next arm."""
-        ways, sent = self, self.sent.setdefault(ARMS[next(self._numbers)], {})
+        ways, name = self, ARMS[next(self._numbers)]
+        sent = self.sent.setdefault(name, {})
 
         class Heard(OfflineLink):
             def exchange(self, command: Command | None) -> State:
@@ -78,6 +82,10 @@ class Ways:
                 sent[program_time().now_ns - ways._begun_ns] = np.array(state.robot.q_setpoint)
                 ways._interrupt()
                 return state
+
+            def close(self, reason: str = "") -> None:
+                ways.closed.append(name)
+                super().close(reason)
 
         return Heard(hello)
 
@@ -130,6 +138,24 @@ def by_manipulators(ways: Ways, end: End) -> None:
                 move(arm, jposition(arm, "GOAL", GOAL_DEG))
             wait_as(lambda: ways.on_their_way)
             end()
+    finally:
+        _program.reset(token)
+
+
+def by_manipulators_in_c(ways: Ways, end: End) -> None:
+    """The program's own part is the test's; what lets go of its arms is that of a program in C."""
+    served = object.__new__(ManipDispatcher)
+    token = _program.set(None)
+    try:
+        with rci.use(ways.link):
+            for name in ARMS:
+                rccl_control(arm := rccl_open(name))
+                setime(arm, 100.0, LONG_MS)
+                move(arm, jposition(arm, "GOAL", GOAL_DEG))
+            served._program = this_program()
+            with letting_go(served.let_go):
+                wait_as(lambda: ways.on_their_way)
+                end()
     finally:
         _program.reset(token)
 
@@ -278,6 +304,25 @@ def test_a_channel_and_a_task_begin_to_stop_at_one_sample_when_plain_python_ends
             function()
     assert len(at_exit) == 2
     assert_all_stop_at_one_sample(ways.sent, expected)
+
+
+@pytest.mark.parametrize("nth", [1, 2, 3])
+@pytest.mark.parametrize("program", [*PROGRAMS, by_manipulators_in_c])
+def test_ctrl_c_while_all_are_told_to_stop_keeps_none_from_its_rest_and_its_goodbye(
+    program: Program, nth: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    calls, ways = count(1), Ways()
+
+    def interrupted() -> None:
+        if next(calls) == nth:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(bad_end, "_stops", [interrupted, *bad_end._stops])
+    with suppress(ValueError, KeyboardInterrupt):
+        program(ways, raising(ValueError()))
+    assert set(ways.closed) == set(ways.sent)
+    assert all(not np.ptp(list(own.values())[-2:], axis=0).any() for own in ways.sent.values())
+    assert all(list(own)[-1] < (ENDS_S + 1.5) * NS_PER_S for own in ways.sent.values())
 
 
 def test_an_error_that_is_handled_inside_the_block_of_an_arm_stops_no_other() -> None:

@@ -80,14 +80,8 @@ class ManipDispatcher:
     def let_go(self) -> None:
         """Bring all arms to rest together, and release them. Raises, at the end, what ended control of one before."""
         program, self._program = self._program, ManipProgram()
-        failed: list[BaseException] = []
-        stop_all()
-        for manip in sorted(program.manips, key=lambda manip: not isinstance(manip, RobotManip)):
-            try:
-                calls.rccl_release(manip)
-            except BaseException as error:
-                failed.append(error)
-        raise_first(failed, ours_too=True)
+        with letting_go(partial(_release_all, program)):
+            stop_all()
 
     # -------------------------------------------------------------------------------------------- at every sample
 
@@ -258,6 +252,17 @@ class ManipDispatcher:
 def _arm(dispatcher: ManipDispatcher, message: CallMessage) -> Any:
     """The manipulator of a call; whether it is an arm, the call finds out."""
     return dispatcher.manip(message)
+
+
+def _release_all(program: ManipProgram) -> None:
+    """Release all manipulators of a program, frames last. Raises, at the end, the first error."""
+    failed: list[BaseException] = []
+    for manip in sorted(program.manips, key=lambda manip: not isinstance(manip, RobotManip)):
+        try:
+            calls.rccl_release(manip)
+        except BaseException as error:
+            failed.append(error)
+    raise_first(failed, ours_too=True)
 
 
 def _skip(manips: Iterable[SharedManip]) -> None:
