@@ -224,7 +224,8 @@ def rci_release(mask: int, power_off: bool = False) -> None:
     """Let tasks rest until they are started again; their robots come to a controlled stop and are let go.
 
     Robots hold their position then, or lose power and close their brakes when `power_off`: the arm of a task that has
-    ended is connected to once more for that. Raises ConfigError, and LinkLost where that connection fails.
+    ended is connected to once more for that. Raises ConfigError, and LinkLost where that connection fails, once all
+    other arms have been let go of.
     """
     _running().release(mask, power_off)
 

@@ -7,6 +7,7 @@ import os
 import sys
 from collections.abc import Callable
 from contextlib import suppress
+from functools import partial
 from typing import Final, Protocol
 
 import numpy as np
@@ -246,16 +247,16 @@ class RciProgram:
     def release(self, mask: int, power_off: bool) -> None:
         """Let tasks rest; see `rci_release`."""
         chosen = self._chosen(mask, "release")
-        self._let_go(chosen, power_off)
-        if power_off:  # tasks that had ended, or were released before, have left their arms holding
-            left = [td for td in chosen if td.robot is not None and td.starts]
-            self._each(left, "power_off")
-            self._wait_for(lambda: all(td.state not in _RUNNING for td in left))
+        with letting_go(lambda: self._power_off_left(chosen) if power_off else None):
+            self._let_go(chosen, power_off)
 
     def _let_go(self, chosen: list[TaskDescriptor], power_off: bool) -> None:
-        held = [td for td in chosen if td.state in _RUNNING]
-        self._all_at_once(held, "release", power_off)
-        self._wait_for(lambda: all(td.state not in _RUNNING for td in held))
+        self._rest([td for td in chosen if td.state in _RUNNING], "release", power_off)
+
+    def _power_off_left(self, chosen: list[TaskDescriptor]) -> None:
+        """Switch off the power of arms that tasks have left holding, which had ended or were released before."""
+        left = [td for td in chosen if td.robot is not None and td.starts and td.state not in _RUNNING]
+        self._rest(left, "power_off")
 
     def _chosen(self, mask: int, what: str) -> list[TaskDescriptor]:
         chosen = [td for td in self.table.of(mask, what) if td is not self.parent]
@@ -268,17 +269,29 @@ class RciProgram:
         for processor, bits in _by_processor(chosen):
             self._processors.order(processor, order, bits, *arguments)
 
-    def _all_at_once(self, chosen: list[TaskDescriptor], order: str, *arguments: object) -> None:
-        """The same, to all processors before one of them is waited for. Raises the first error, once all are done."""
-        begin = self._processors.begin
-        answers = [begin(processor, order, bits, *arguments) for processor, bits in _by_processor(chosen)]
+    def _rest(self, chosen: list[TaskDescriptor], order: str, *arguments: object) -> None:
+        """Order tasks to rest, on all processors before one is waited for; return when those of all that obey do.
+
+        Raises the first error then.
+        """
+        answers = [(bits, self._begin(processor, order, bits, *arguments)) for processor, bits in _by_processor(chosen)]
         errors: list[BaseException] = []
-        for answer in answers:
+        obeyed = 0
+        for bits, answer in answers:
             try:
                 answer()
+                obeyed |= bits
             except Exception as error:
                 errors.append(error)
+        self._wait_for(lambda: not any(td.state in _RUNNING for td in chosen if td.bit & obeyed))
         raise_first(errors, ours_too=True)
+
+    def _begin(self, processor: str, order: str, *arguments: object) -> Callable[[], object]:
+        """See `Processors.begin`; what that raises, the wait raises."""
+        try:
+            return self._processors.begin(processor, order, *arguments)
+        except Exception as error:
+            return partial(raise_first, [error], ours_too=True)
 
     # --------------------------------------------------------------------------------------------------------- waiting
 

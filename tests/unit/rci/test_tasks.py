@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import partial
+
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -15,10 +19,13 @@ from qrobot.rci.common_clock import checked_rate
 from qrobot.rci.descriptor import MOST_TASKS
 from qrobot.rci.program import RciProgram
 from qrobot.rci.virtual_time import VirtualProcessors
+from qrobot.wire import Mode
 from tests.support.fake_robot import FakeRobot
+from tests.support.puma import PARK, ROBOT
 from tests.support.rci_tasks import Runs, no_robot, pass_ticks, recorded, virtual_program
 
 TASKS = st.lists(st.tuples(st.integers(1, 9), st.integers(-9, 9), st.integers(-2, 2)), min_size=1, max_size=5)
+PLACES = ("aux", "aux1")
 
 
 def test_two_tasks_of_interval_4_and_offsets_0_and_2_take_turns_s10() -> None:
@@ -101,6 +108,48 @@ def test_a_bad_end_of_the_program_lets_tasks_begin_to_rest_on_all_processors_but
         monkeypatch.undo()
         assert [td.state for name, td in tds.items() if name != failing] == [TaskState.RELEASED]
     stop_all()  # of a program that is closed there is nothing left to stop
+
+
+@contextmanager
+def two_arms() -> Iterator[list[FakeRobot]]:
+    """Arms with power, each of which follows a task on a processor of its own, `PLACES`."""
+    arms = {name: FakeRobot(tuple(PARK)) for name in ("left", "right")}
+    with rci.use({name: partial(VirtualLink, transfer=arm.transfer) for name, arm in arms.items()}):
+        try:
+            for name, place in zip(arms, PLACES, strict=True):
+                rci.rci_robot(name, ROBOT.name)
+                rci.rci_control(rci.rci_create(name, place), lambda _: None)
+            rci.rci_start(rci.ALL)
+            yield list(arms.values())
+        finally:
+            rci.rci_close()
+
+
+@pytest.mark.parametrize("told", [True, False])
+@pytest.mark.parametrize("failing", [0, 1])
+@pytest.mark.parametrize("fails", ["release", "power_off"])
+def test_an_error_of_one_processor_leaves_no_arm_of_another_one_with_power(
+    fails: str, failing: int, told: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The arms follow, or were released and hold; the error comes from a processor that has done as `told`, or not."""
+    begin = VirtualProcessors.begin
+
+    def failed(self, processor: str, order: str, *arguments: object):
+        fault = processor == PLACES[failing] and order == fails
+        if fault and not told:
+            checked_rate(0)
+        answer = begin(self, processor, order, *arguments)
+        return (lambda: checked_rate(0)) if fault else answer
+
+    with two_arms() as arms:
+        if fails == "power_off":
+            rci.rci_release(rci.ALL)
+        assert Mode.OFF not in [arm.mode for arm in arms]
+        monkeypatch.setattr(VirtualProcessors, "begin", failed)
+        with pytest.raises(ConfigError, match="clock of 0 Hz"):
+            rci.rci_release(rci.ALL, power_off=True)
+        assert arms[1 - failing].mode == Mode.OFF
+        monkeypatch.undo()
 
 
 def test_creating_a_task_does_not_activate_it_and_it_is_active_until_released() -> None:
