@@ -27,7 +27,9 @@ LOST_SHARE: Final = 0.02  # of the cycles under way that may be missing [A]
 MOST_GAPS: Final = 10  # places at which they are missing, however few: a pass ends at each of them [A]
 NEW_LOG_S: Final = 5.0  # a longer gap is between two logs, or a pause of the recorder
 SAME_PERIOD: Final = 0.01  # share by which rows may be farther apart than the log's header says
-_LIMITED_BIT: Final = 8  # of the flags: the first joint at its torque limit
+_CLIPPED_BIT: Final = 8  # of the flags: from here on the number of joints at their torque limit,
+_MOST_JOINTS: Final = 0xFF  # in eight bits, and above them the frames missed
+_AT_LIMIT: Final = 1.0 - 1e-9  # of the limit to which a torque was clipped
 
 
 def check_recording(robot: Robot, rows: Rows, period_s: float) -> None:
@@ -49,17 +51,23 @@ def check_recording(robot: Robot, rows: Rows, period_s: float) -> None:
         raise IdentificationError("; ".join(faults) + ". Look at `qrobot log plot`, and record again")
 
 
-def limited(rows: Rows) -> Bools:
+def limited(robot: Robot, rows: Rows) -> Bools:
     """True where the torque of a joint was at its limit. Shape (r, n)."""
-    dac = rows["dac"]
-    at_end = (dac <= DAC_MARGIN) | (dac >= 2 * DAC_ZERO - 1 - DAC_MARGIN)
-    said = rows["flags"][:, None] >> (_LIMITED_BIT + np.arange(dac.shape[1])) & 1
-    return np.asarray(at_end | (said == 1))
+    clipped = rows["flags"] >> _CLIPPED_BIT & _MOST_JOINTS > 0  # the flags tell how many joints, and not which
+    at_limit = np.abs(rows["tau"]) >= _AT_LIMIT * robot.guard.tau_max
+    return np.asarray(_word_at_end(rows) | (clipped[:, None] & at_limit))
 
 
 def sound(rows: Rows, period_s: float) -> Bools:
     """True where a row can be measured by: no torque at its limit, no frame missed, no images lost. Shape (r,)."""
-    return np.asarray(~limited(rows).any(axis=1) & (rows["flags"] >> _LIMITED_BIT == 0) & ~long_dropout(rows, period_s))
+    whole = ~_word_at_end(rows).any(axis=1) & (rows["flags"] >> _CLIPPED_BIT == 0)
+    return np.asarray(whole & ~long_dropout(rows, period_s))
+
+
+def _word_at_end(rows: Rows) -> Bools:
+    """True where the DAC of a motor shows no more. Shape (r, n)."""
+    dac = rows["dac"]
+    return np.asarray((dac <= DAC_MARGIN) | (dac >= 2 * DAC_ZERO - 1 - DAC_MARGIN))
 
 
 def _no_numbers(robot: Robot, rows: Rows, period_s: float) -> Iterator[str]:
@@ -95,7 +103,7 @@ def _lost(rows: Rows, period_s: float) -> Iterator[str]:
 def _saturated(robot: Robot, rows: Rows, period_s: float) -> Iterator[str]:
     """Joints whose torque was at its limit for more than a moment."""
     under_way = rows["mode"] == Mode.TRACKING
-    at_limit = limited(rows) & under_way[:, None]
+    at_limit = limited(robot, rows) & under_way[:, None]
     for joint in np.flatnonzero(at_limit.sum(axis=0) > SATURATED_SHARE * max(under_way.sum(), 1)):
         seconds, first = at_limit[:, joint].sum() * period_s, at_limit[:, joint].argmax() * period_s
         yield f"the torque of {robot.joint_names[joint]} was at its limit for {seconds:.1f} s, first at {first:.1f} s"

@@ -156,7 +156,8 @@ def test_an_arm_at_rest_has_no_broken_encoders() -> None:
 
 
 def with_flag(rows: Rows) -> None:
-    rows["flags"][2000:2500] = 1 << 8 + ELBOW
+    rows["flags"][2000:2500] = 1 << 8  # one joint, whichever
+    rows["tau"][2000:2500, ELBOW] = -PUMA.guard.tau_max[ELBOW]
 
 
 def with_dac(rows: Rows, word: int) -> None:
