@@ -27,8 +27,10 @@ class LinkLines:
 
     def __init__(self, robot: Robot) -> None:
         geometry, self._robot = robot.geometry, robot
-        slides = (np.where(robot.prismatic, end, 0.0) for end in (robot.limits.q_min, robot.limits.q_max))
-        shortest, longest = (np.abs(geometry.d_m + slide) for slide in slides)
+        slides = [np.where(robot.prismatic, end, 0.0) for end in (robot.limits.q_min, robot.limits.q_max)]
+        low, high = (geometry.d_m + slide for slide in slides)
+        longest = np.maximum(np.abs(low), np.abs(high))
+        shortest = np.maximum(np.maximum(low, -high), 0.0)  # none where the range has it slide through its joint
         base, hand = geometry.base_height_m, geometry.flange_m + HAND_M
         self.lengths = np.concatenate([[base], np.abs(geometry.a_m) + shortest, [hand]])
         pieces = np.column_stack([np.abs(geometry.a_m), longest]).ravel()

@@ -9,7 +9,7 @@ import pytest
 
 from qrobot.config import load_robot
 from qrobot.ident.clearance import Clearance
-from qrobot.ident.link_lines import HAND_M, LinkLines
+from qrobot.ident.link_lines import HAND_M, SPACING_M, LinkLines
 from qrobot.model.arm import Arm
 from qrobot.model.transform import transform
 
@@ -33,6 +33,24 @@ def test_lines_lead_from_the_floor_to_the_end_of_the_hand(name: str) -> None:
 def test_points_along_a_body_are_close_together() -> None:
     for line in LinkLines(PUMA).lines(np.zeros((1, PUMA.n))):
         assert (np.linalg.norm(np.diff(line[0], axis=0), axis=1) <= 0.081).all()
+
+
+@pytest.mark.parametrize("low_m", [-0.9, -0.4, -0.1, 0.2])
+def test_whichever_way_a_body_slides_its_points_are_close_together_and_its_shortest_length_is_known(
+    low_m: float,
+) -> None:
+    stanford = load_robot("stanford")
+    joint, limits = int(stanford.prismatic.argmax()), stanford.limits
+    q_min, q_max = limits.q_min.copy(), limits.q_max.copy()
+    q_min[joint], q_max[joint] = low_m, low_m + 0.5
+    robot = stanford.model_copy(update={"limits": limits.model_copy(update={"q_min": q_min, "q_max": q_max})})
+    q = np.zeros((101, robot.n))
+    q[:, joint] = np.linspace(low_m, low_m + 0.5, len(q))
+    lines = LinkLines(robot)
+    body = lines.lines(q)[1 + joint]
+    steps = np.linalg.norm(np.diff(body, axis=1), axis=2)
+    assert steps.max() <= SPACING_M + 1e-9
+    assert lines.lengths[1 + joint] == pytest.approx(steps.sum(axis=1).min(), abs=0.006)
 
 
 @pytest.mark.parametrize(
