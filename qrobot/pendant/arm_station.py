@@ -87,7 +87,7 @@ class ArmStation:
         self._commanded = False
         self.board = BoardAccess(arm, self.programs.deployment, self.tell, monotonic)
         self._folder = Path(arm.log.directory or "out")
-        self.procedures = ProcedureRunner(arm.name, self.programs.deployment, self._folder, on_change)
+        self.procedures = ProcedureRunner(arm.name, self.programs.deployment, arm.robot, self._folder, on_change)
         self._reached: Sequence[ArmStation] = ()  # by the newest program, besides its own arm
 
     @property

@@ -27,13 +27,14 @@ class ProcedureRunner(Runner):
     Args:
         arm: instance name.
         deployment: file of the arm.
+        robot: its robot file, or the name of a packaged one.
         models: folder for models that are kept.
         changed: called, from any thread, when `facts` are others.
     """
 
-    def __init__(self, arm: str, deployment: str, models: Path, changed: Callable[[], None]) -> None:
+    def __init__(self, arm: str, deployment: str, robot: str, models: Path, changed: Callable[[], None]) -> None:
         super().__init__(changed)
-        self._arm, self._models = arm, models
+        self._arm, self._robot, self._models = arm, robot, models
         self._place = [deployment, "--arm", arm]
         self._request: PageProcedureStart | None = None
         self._folder: Path | None = None
@@ -110,7 +111,7 @@ class ProcedureRunner(Runner):
                 return ["identify", "plan", *self._place, *slow]
             case "fit":
                 model.unlink(missing_ok=True)
-                return ["identify", "fit", str(log), "--output", str(model)]
+                return ["identify", "fit", str(log), "--output", str(model), "--robot", self._robot]
             case _:
                 log.unlink(missing_ok=True)
                 model.unlink(missing_ok=True)

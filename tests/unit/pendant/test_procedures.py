@@ -34,7 +34,7 @@ class FakeRun:
 @pytest.fixture
 def runner(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> ProcedureRunner:
     monkeypatch.setattr(procedure_runner, "CommandRun", FakeRun)
-    return ProcedureRunner("puma", "arms.toml", tmp_path / "models", lambda: None)
+    return ProcedureRunner("puma", "arms.toml", "bent.toml", tmp_path / "models", lambda: None)
 
 
 def begun(runner: ProcedureRunner, step: str, **more: Any) -> Any:
@@ -78,8 +78,8 @@ def test_a_model_is_written_only_when_that_is_confirmed_and_over_no_other(
     run.state = "done"
     assert runner.facts["recorded"]
     run = begun(runner, "fit")
-    model = Path(run.command[-1])
-    assert run.command == ["identify", "fit", str(log), "--output", str(model)]
+    model = Path(run.command[4])
+    assert run.command == ["identify", "fit", str(log), "--output", str(model), "--robot", "bent.toml"]
     with pytest.raises(MotionError, match="no model to keep"):
         runner.keep(True)
     model.write_text("model")
