@@ -29,7 +29,7 @@ from qrobot.modecodes import Mode
 from qrobot.motion.kept import WAY_BACK_SHARE
 from qrobot.servo.memory.telemetry import Rows
 from qrobot.servo.operator.client import ServoClient
-from qrobot.units import NS_PER_MS
+from tests.support.missed_frames import in_time
 from tests.support.patience import wait_until
 from tests.support.processes import UNHURRIED_MS, RunningArm, events_of, running_arms
 from tests.support.puma import LIMITS, PARK, ROBOT
@@ -61,8 +61,6 @@ MODES = {
 OFF_RAD = 5e-4  # [A] interpolation between samples of 100 ms leaves the turns of this path by 0.13 mrad
 NEAR_M = 0.06
 SEED = 2
-MISSED_BITS = 16  # of the flags in a row: from here on, the frames missed one after the other
-BENT_FRAMES = 5  # [A] after one that is missed: a reference is made of four setpoints
 EACH = 10  # cycles between two places that are looked at
 ROUNDING = 1e-9
 
@@ -206,13 +204,6 @@ def disturbed_run(running: RunningArm, random: Random) -> Run:
     judged = in_time(rows)
     away = np.where(judged[::EACH], off(rows["q_ref"][::EACH], whole), 0.0)
     return Run(rows, judged, away, acts, disturber.overrides, disturber.payloads, fences)
-
-
-def in_time(rows: Rows) -> np.ndarray[Any, Any]:
-    """Whether neither the newest setpoint nor one of those before it, that the reference is made of, came late."""
-    missed_ns = rows["t_ns"][(rows["flags"] >> MISSED_BITS) != 0]
-    after = np.searchsorted(missed_ns, rows["t_ns"] - int(BENT_FRAMES * UNHURRIED_MS * NS_PER_MS), side="left")
-    return after == np.searchsorted(missed_ns, rows["t_ns"], side="right")
 
 
 def logged(running: RunningArm, until_ns: int) -> Rows:
