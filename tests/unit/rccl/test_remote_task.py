@@ -11,8 +11,6 @@ from qrobot.rccl import arm_session, channel, hand_and_outputs
 from qrobot.rccl.process.remote_task import RemoteTask
 from tests.support.puma import PERIOD_S, ROBOT
 
-OF_A_GROUP = {"follows"}  # asked of arms that move together, which are of one process
-
 
 def asked_of_tasks(module: ModuleType) -> set[str]:
     """Names of attributes that a module takes of `self._task`."""
@@ -26,7 +24,7 @@ def test_a_channel_and_its_session_find_all_that_they_ask_of_a_task() -> None:
     asked = set().union(*map(asked_of_tasks, (channel, arm_session, hand_and_outputs)))
     assert len(asked) > 25
     needs_report = {name for name in asked if isinstance(inspect.getattr_static(RemoteTask, name, None), property)}
-    assert {name for name in asked - needs_report if not hasattr(task, name)} == OF_A_GROUP
+    assert {name for name in asked - needs_report if not hasattr(task, name)} == set()
 
 
 def test_it_begins_to_stop_and_waits_for_no_answer_of_its_process() -> None:
