@@ -229,12 +229,12 @@ def run_live(
         return run_through(heard(bridge_links(arms[0])), start, output)
     from qrobot import rci
     from qrobot.cli.arm_links import link_of, links_of, the_only
-    from qrobot.rci.tcp import bridge_address, insist_on_arm
+    from qrobot.rci.tcp import insist_on_arm
     from qrobot.realtime.startup_order import await_turn
 
     await_turn()
     for arm in arms:
-        insist_on_arm(bridge_address(place_of_arm(arm)), arm.name)
+        insist_on_arm((arm.bridge.host, arm.bridge.port), arm.name)
     links = links_of(arms, link_of)
     with rci.use(links, virtual_time=False):
         return run_through(the_only(links), start, output)
@@ -307,7 +307,7 @@ def bridge_links(arm: DeployedArm) -> LinkFactory:
     Raises ConfigError: another arm's bridge is at that address.
     """
     from qrobot.cli.arm_links import link_of
-    from qrobot.rci.tcp import BRIDGE_VARIABLE, bridge_address, insist_on_arm
+    from qrobot.rci.tcp import BRIDGE_VARIABLE, insist_on_arm
     from qrobot.realtime.startup_order import await_turn
 
     await_turn()
@@ -315,7 +315,8 @@ def bridge_links(arm: DeployedArm) -> LinkFactory:
     if named and not _leads_to(named, own):
         note(f"{BRIDGE_VARIABLE} is {named}, but the bridge of {arm.name} is {own}, as its deployment file says")
     os.environ[BRIDGE_VARIABLE] = own
-    insist_on_arm(bridge_address(own), arm.name)  # here, for programs that come to the arm by the address alone
+    # Here, for programs that come to the arm by the address alone.
+    insist_on_arm((arm.bridge.host, arm.bridge.port), arm.name)
     return link_of(arm)
 
 

@@ -8,6 +8,7 @@ import time
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import replace
+from ipaddress import IPv6Address
 from typing import Final, TypeVar
 
 from qrobot.errors import ConfigError, LinkLost, LinkTimeout, error_text
@@ -34,15 +35,24 @@ SocketAddress = tuple[str, int]
 def bridge_address(text: str | None = None) -> SocketAddress:
     """Host and port of the bridge from "host:port", "host" or ":port"; default the variable QROBOT_BRIDGE.
 
+    An address of IPv6 stands without brackets, with its port: "::1:5600".
+
     Raises:
         ConfigError: that is no address.
     """
     what = BRIDGE_VARIABLE if text is None else "the address of a bridge"
     text = os.environ.get(BRIDGE_VARIABLE, "") if text is None else text
-    host, _, port = text.partition(":")
-    if port and not (port.isdecimal() and 0 < int(port) < 1 << 16):
+    host, _, port = text.rpartition(":") if ":" in text else (text, "", "")
+    if (port and not (port.isdecimal() and 0 < int(port) < 1 << 16)) or (":" in host and not _is_ipv6(host)):
         raise ConfigError(f"{what} is {text!r}; host:port is needed, as in {LOCALHOST}:{DEFAULT_PORT}")
     return host or LOCALHOST, int(port) if port else DEFAULT_PORT
+
+
+def _is_ipv6(host: str) -> bool:
+    try:
+        return bool(IPv6Address(host))
+    except ValueError:
+        return False
 
 
 def address_text(bridge: str) -> str:

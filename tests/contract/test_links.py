@@ -288,6 +288,7 @@ def test_a_real_connection_is_greeted() -> None:
         (":5601", ("127.0.0.1", 5601)),
         ("lab", ("lab", 5600)),
         ("lab:7000", ("lab", 7000)),
+        ("::1:5601", ("::1", 5601)),
     ],
 )
 def test_the_bridges_address_may_be_given_in_parts(text, address, monkeypatch) -> None:
@@ -296,7 +297,7 @@ def test_the_bridges_address_may_be_given_in_parts(text, address, monkeypatch) -
     assert bridge_address() == address
 
 
-@pytest.mark.parametrize("text", ["lab:port", "lab:0", "lab:65536", "1:2:3"])
+@pytest.mark.parametrize("text", ["lab:port", "lab:0", "lab:65536", "1:2:3", "::1"])
 def test_an_impossible_address_is_refused_by_the_name_of_where_it_stands(text, monkeypatch) -> None:
     with pytest.raises(ConfigError, match=f"the address of a bridge is '{text}'; host:port is needed"):
         bridge_address(text)
