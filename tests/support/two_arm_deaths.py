@@ -17,6 +17,7 @@ import numpy as np
 
 from qrobot import rci
 from qrobot.arrays import Floats
+from qrobot.config.deployment import GUARDIAN_TIMEOUT_MS
 from qrobot.errors import LinkError, LinkLost, QRobotError, ServoFault
 from qrobot.hwif.isa.card import NO_CARD, make_card
 from qrobot.hwif.operations import OP_FIELDS
@@ -31,7 +32,7 @@ from qrobot.rig.lockstep import LockstepBridge, LockstepRig
 from qrobot.servo.memory.servo_memory import servo_front
 from qrobot.servo.memory.telemetry import Rows
 from qrobot.servo.process.guardian import N_OWN, N_SAFE_OPS, look
-from qrobot.servo.settings import DEFAULT_TIMEOUT_MS, ServoSettings
+from qrobot.servo.settings import ServoSettings
 from qrobot.sim_board.emulator import Emulator, emulator_run
 from qrobot.units import NS_PER_MS, NS_PER_S
 from qrobot.wire import Hello, RobotState
@@ -116,7 +117,7 @@ class MortalArm:
         for _ in range(cycles):
             if self.dead == "servo":
                 rig.now_ns = emulator_run(rig.emulator.bundle, rig.board, rig.now_ns, rig.substeps)
-                timeout_ns = round(DEFAULT_TIMEOUT_MS * NS_PER_MS)
+                timeout_ns = round(GUARDIAN_TIMEOUT_MS * NS_PER_MS)
                 look(self._own, self._front, rig.board, make_card(NO_CARD), self._ops, rig.now_ns, timeout_ns)
             else:
                 rig.compute()
