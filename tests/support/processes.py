@@ -46,6 +46,7 @@ FIRST_START_S = 3.0 * PATIENCE_S  # of a process that compiles everything
 UNHURRIED_MS = 100.0  # the longest sample period, for tests that do not measure it
 LEG_RAD_S = 1.05
 REST_S, REST_COUNTS = 0.1, 2
+CREEP_COUNTS = 10  # in a test, of a wrist that only friction holds; an arm that moves goes some thousands meanwhile
 SERVING = ("board", "servo", "guardian", "bridge")  # processes of an arm, in the order they need each other
 
 ARM = """

@@ -16,11 +16,9 @@ from qrobot.modecodes import Mode
 from qrobot.rig.processes import ProcessPlan, ProcessRig
 from qrobot.wire import Connection, ErrorCode, Side, WireError
 from tests.support.patience import PATIENCE_S
-from tests.support.processes import RunningArm, free_port, qrobot
+from tests.support.processes import CREEP_COUNTS, RunningArm, free_port, qrobot
 
 pytestmark = pytest.mark.realtime
-
-STILL_COUNTS = 2
 
 # ---------------------------------------------------------------------------------------------------- beside a live arm
 
@@ -30,7 +28,7 @@ def undisturbed(arm: RunningArm) -> Iterator[None]:
     """The arm stands where it stood, in the mode it had, and all its processes live."""
     encoders, mode, running = arm.encoders(), arm.mode, arm.running()
     yield
-    assert np.abs(np.subtract(arm.encoders(), encoders)).max() <= STILL_COUNTS
+    assert np.abs(np.subtract(arm.encoders(), encoders)).max() <= CREEP_COUNTS
     assert (arm.mode, arm.running()) == (mode, running)
 
 

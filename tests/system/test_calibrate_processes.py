@@ -18,13 +18,13 @@ from qrobot.servo.memory.mailbox import ServoMailbox
 from qrobot.servo.memory.published_state import FLAG_CALIBRATED, ServoSnapshot
 from qrobot.servo.memory.servo_memory import attach_servo_memory
 from qrobot.servo.operator.client import ServoClient
-from tests.support.patience import wait_until
+from tests.support.patience import PATIENCE_S, wait_until
 from tests.support.processes import left_behind, qrobot, write_deployment
 from tests.support.signals import default_signals
 
 pytestmark = pytest.mark.realtime
 
-CALIBRATION_S = 200.0
+CALIBRATION_S = 4.0 * PATIENCE_S
 
 
 @pytest.fixture

@@ -23,7 +23,7 @@ from tests.support.processes import free_port, qrobot
 pytestmark = pytest.mark.realtime
 
 EDS = str(Path(__file__).parents[2] / "config/can/qrobot_board.eds")
-COLD_S = 300.0
+COLD_S = 5.0 * PATIENCE_S
 ARMS = """
 [[arm]]
 name = "{far}"

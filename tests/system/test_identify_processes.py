@@ -9,12 +9,13 @@ import pytest
 from qrobot.config import load_robot
 from qrobot.ident.observe import steady_passes
 from qrobot.log.read import read_log
+from tests.support.patience import PATIENCE_S
 from tests.support.processes import RunningArm, qrobot
 
 pytestmark = pytest.mark.realtime
 
 POSES, SWEEPS = 12, 18
-RECORDING_S = 120.0
+RECORDING_S = 2.0 * PATIENCE_S
 
 
 def test_the_last_swing_of_a_plan_is_made_by_a_running_arm_and_recorded(arm: RunningArm, tmp_path: Path) -> None:

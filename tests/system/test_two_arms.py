@@ -43,7 +43,7 @@ from tests.support.carried_object import (
 )
 from tests.support.missed_frames import in_time
 from tests.support.patience import PATIENCE_S, STALL_MS, wait_until
-from tests.support.processes import GUARDIAN_MS, RunningArm, events_of, processes_of, qrobot, running_arms
+from tests.support.processes import CREEP_COUNTS, GUARDIAN_MS, RunningArm, events_of, processes_of, qrobot, running_arms
 from tests.support.shared_arm import settle
 from tests.support.stall_watch import unless_stalled
 from tests.support.two_hands import GRIP, HERE, TOOL, WORLD, approach, hand_of, off
@@ -54,7 +54,6 @@ GOAL = WORLD["right"].value @ HERE.value @ GRIP["right"].value @ inverse(TOOL.va
 APART_M = 1e-3  # at 100 mm/s: 10 ms
 FRAME_STOPS_M = 5e-3  # way of an object's frame from 100 mm/s to rest, with the 5 m/s^2 of a frame and without a jerk
 TRACKING_M = 2e-3  # [A] of both arms together
-CREEP_COUNTS = 10  # of a wrist that only friction holds; the left arm goes some thousands meanwhile
 KEPT_S = 0.3
 BACK_AND_FORTH = """
 import sys

@@ -283,7 +283,7 @@ def test_record_outlives_a_full_disk_and_what_it_says_of_it_on_that_disk(
     wait_until(lambda: any("refusals by the disk" in line for line in said), "the line about the disk")
 
 
-def wait_for(path: Path, size: int, patience_s: float = 60.0) -> bool:
+def wait_for(path: Path, size: int, patience_s: float = PATIENCE_S) -> bool:
     """True when `path` reaches `size` bytes in time."""
     deadline = time.monotonic() + patience_s
     while time.monotonic() < deadline:

@@ -29,7 +29,7 @@ from qrobot.servo.memory.telemetry import TelemetryLayout, TelemetryReader, appe
 from qrobot.servo.settings import ServoSettings
 from qrobot.sim_board.emulator import Emulator
 from tests.support.log_samples import FullDisk, Ring, make_header, make_rows
-from tests.support.patience import PATIENCE_S
+from tests.support.patience import PATIENCE_S, wait_until
 
 MOST_LOST_NS = 250_000_000  # what a kill -9 may cost
 FILE_LIMIT = 1_000_000
@@ -175,6 +175,10 @@ def test_at_every_moment_the_file_holds_all_but_the_last_250_ms(tmp_path: Path) 
 DEPLOYMENT = '[[arm]]\nname = "{arm}"\nrobot = "puma560"\nbridge = {{ port = 5998 }}\n'
 
 
+def size_of(path: Path) -> int:
+    return path.stat().st_size if path.exists() else 0
+
+
 @pytest.mark.realtime
 def test_a_recorder_whose_file_may_not_grow_says_so_lives_on_and_keeps_what_it_has(tmp_path: Path) -> None:
     arm, target = f"disk{os.getpid()}", tmp_path / "run.mcap"
@@ -190,11 +194,11 @@ def test_a_recorder_whose_file_may_not_grow_says_so_lives_on_and_keeps_what_it_h
         resource.prlimit(recorder.pid, resource.RLIMIT_FSIZE, (FILE_LIMIT, FILE_LIMIT))
         try:
             first, deadline = 0, time.monotonic() + PATIENCE_S
-            while time.monotonic() < deadline and not (target.exists() and target.stat().st_size >= FILE_LIMIT):
+            while time.monotonic() < deadline and (size := size_of(target)) < FILE_LIMIT:
                 for row in make_rows(200, first=first).view(np.int64).reshape(200, row_words):
                     append_row(memory.words, base, 4096, row_words, row)
                 first += 200
-                time.sleep(0.05)
+                wait_until(lambda size=size: size_of(target) > size, "the recorder has read some rows")
             time.sleep(1.0)
             assert recorder.poll() is None
         finally:

@@ -24,6 +24,7 @@ from qrobot.log.live import LiveServer
 from qrobot.log.pace import Pace
 from qrobot.servo.memory.telemetry import TelemetryLayout
 from tests.support.log_samples import make_header, make_rows
+from tests.support.patience import PATIENCE_S
 
 N = 6
 ROBOT = load_robot("puma560")
@@ -33,7 +34,7 @@ class Viewer:
     """A WebSocket client that speaks Foxglove's protocol no better than it must."""
 
     def __init__(self, port: int) -> None:
-        self.socket = socket.create_connection(("127.0.0.1", port), timeout=30)
+        self.socket = socket.create_connection(("127.0.0.1", port), timeout=PATIENCE_S)
         key = base64.b64encode(os.urandom(16)).decode()
         self.socket.sendall(
             f"GET / HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
