@@ -42,13 +42,20 @@ START_S: Final = 5.0
 POLL_S: Final = 0.01
 
 
-def stall(pids: Iterable[int], seconds: float) -> None:
-    """Stop these processes at once, and let them go on after so long."""
-    pids = list(pids)
+def stall(pids: Iterable[int], seconds: float) -> float:
+    """Stop these processes at once, and let them go on after so long.
+
+    Returns:
+        By how much the last one was stopped, or went on, later than the first, s.
+    """
+    pids, apart_s = list(pids), 0.0
     for number, pause_s in ((signal.SIGSTOP, seconds), (signal.SIGCONT, 0.0)):
+        begin = time.monotonic()
         for pid in pids:
             os.kill(pid, number)
+        apart_s = max(apart_s, time.monotonic() - begin)
         time.sleep(pause_s)
+    return apart_s
 
 
 def snapshot_of(arm: str) -> ServoSnapshot:
@@ -71,6 +78,8 @@ class Stalls:
         times: stalls so far. stopped_s: how long in all. slipped_s: of that, what the arm's time stood still.
         events: what the servo said, with the length of the stall before it. missed: frames that were missing.
         largest_error: reference minus position, rad or m.
+        apart_s: by how much one process was stopped, or went on, later than another of its stall, at most: an arm whose
+            servo alone goes on for a while has been disturbed by that.
     """
 
     times: int = 0
@@ -79,9 +88,11 @@ class Stalls:
     events: list[str] = field(default_factory=list)
     missed: int = 0
     largest_error: float = 0.0
+    apart_s: float = 0.0
 
-    def look(self, now: ServoSnapshot, seconds: float) -> None:
+    def look(self, now: ServoSnapshot, seconds: float, apart_s: float) -> None:
         """Take a look after a stall of so many seconds."""
+        self.apart_s = max(self.apart_s, apart_s)
         self.times, self.stopped_s, self.missed = self.times + 1, self.stopped_s + seconds, now.missed_frames
         self.largest_error = max(self.largest_error, float(np.abs(now.q_setpoint - now.q).max()))
         if now.event or now.mode not in (Mode.TRACKING, Mode.HOLDING):
@@ -109,9 +120,9 @@ def stall_again_and_again(
     for _ in range(times):
         time.sleep(float(random.uniform(*PAUSE_S)))
         seconds = float(np.exp(random.uniform(np.log(SHORTEST_S), np.log(longest_s))))
-        stall(pids(), seconds)
+        apart_s = stall(pids(), seconds)
         time.sleep(2 * POLL_S)
-        found.look(snapshot_of(arm), seconds)
+        found.look(snapshot_of(arm), seconds, apart_s)
         if found.events:
             break
     found.slipped_s = slipped_s(arm)
