@@ -17,11 +17,11 @@ from qrobot.arcl.kinematics import ManipulatorKinematics, kinematics
 from qrobot.arcl.machine import MachineSettings, machine
 from qrobot.arcl.machine.registry import EMULATED
 from qrobot.arcl.motion import Motion
-from qrobot.arcl.opened import forget, newest, open_robots, remember
+from qrobot.arcl.opened import newest, open_robots, remember
 from qrobot.arcl.path_calls import WAY_BACK_DEG, WAY_BACK_MM
 from qrobot.arcl.positions import TL, Pos, PosMark, joints_of
 from qrobot.arcl.robot import ArclRobot
-from qrobot.arcl.switches import say, switches
+from qrobot.arcl.switches import switches
 from qrobot.arcl.trans import Trans
 from qrobot.arcl.vectors import require_name
 from qrobot.arrays import Floats
@@ -29,7 +29,7 @@ from qrobot.config import Robot, load_robot
 from qrobot.errors import JointLimit, MotionError, QRobotError, letting_go, raise_first
 from qrobot.motion import Blend, Trsf, warm_up, warm_up_cartesian
 from qrobot.rci.arguments import as_float, shown
-from qrobot.rci.bad_end import at_bad_end, stop_all
+from qrobot.rci.bad_end import at_bad_end, stop_all, stop_each
 from qrobot.rci.machine_choice import choice_for, machine_choice
 from qrobot.rci.tcp import address_text
 
@@ -131,17 +131,7 @@ def arcl_close(rp: ArclRobot, power_off: bool = False) -> None:
         MotionError: one of them could not be done; the arm is let go all the same.
     """
     _opened("arcl_close", rp)
-    try:
-        rp.close(power_off)
-    finally:
-        _forget(rp)
-
-
-def _forget(rp: ArclRobot) -> None:
-    if rp in open_robots():
-        forget(rp)
-        if farewell := rp.ami.farewell():
-            say(farewell)
+    rp.close(power_off)
 
 
 def end_all(well: bool) -> None:
@@ -155,8 +145,6 @@ def end_all(well: bool) -> None:
             _end(rp, well and all(isinstance(error, QRobotError) for error in failed))
         except BaseException as error:
             failed.append(error)
-        finally:
-            _forget(rp)
     raise_first(failed, ours_too=well)
 
 
@@ -177,8 +165,7 @@ def _end(rp: ArclRobot, well: bool) -> None:
 
 @at_bad_end
 def _stop_all() -> None:
-    for rp in open_robots():
-        rp.begin_stop()
+    stop_each([rp.begin_stop for rp in open_robots()])
 
 
 def _at_exit() -> None:

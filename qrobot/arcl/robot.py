@@ -16,7 +16,7 @@ from qrobot.arcl.kinematics import ManipulatorKinematics
 from qrobot.arcl.line_calls import LineCalls
 from qrobot.arcl.machine import MachineSample, RobotMachine
 from qrobot.arcl.motion import Motion, MotionFeedback
-from qrobot.arcl.opened import listen_once
+from qrobot.arcl.opened import forget, listen_once
 from qrobot.arcl.options import MotionOptions
 from qrobot.arcl.path_calls import PathCalls
 from qrobot.arcl.positions import Pos, joints_of
@@ -289,7 +289,14 @@ class ArclRobot(PathCalls, LineCalls):
                 with letting_go(lambda: self.ami.wait(lambda: not self._motions.busy)), self.ami.lock():
                     self._motions.stop(0.0)  # at rest it may still follow a frame that moves
         finally:
-            self.ami.close(power_off)
+            with letting_go(self._forgotten):
+                self.ami.close(power_off)
+
+    def _forgotten(self) -> None:
+        """The program has it no more: what asks for the robots that are open does not find it."""
+        forget(self)
+        if farewell := self.ami.farewell():
+            say(farewell)
 
     # --------------------------------------------------------------------- what the generator tells (MotionReporter)
 

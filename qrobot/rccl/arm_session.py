@@ -16,7 +16,7 @@ from qrobot.rccl.task import TrajectoryTask
 from qrobot.rccl.trace import Trace
 from qrobot.rci import Link
 from qrobot.rci.arm_settings import ArmSettings
-from qrobot.rci.bad_end import at_bad_end, stopping
+from qrobot.rci.bad_end import at_bad_end, stop_each, stopping
 from qrobot.rci.sample_drivers import driver_for
 from qrobot.rci.sampled_task import SampleDriver
 from qrobot.wire import RobotState, Signals
@@ -262,8 +262,7 @@ class ArmSession:
 
 @at_bad_end
 def _stop_all() -> None:
-    for hold in list(ArmSession._holds):
-        hold.begin_stop()
+    stop_each([hold.begin_stop for hold in ArmSession._holds])
 
 
 def ended_well(error: BaseException | None) -> bool:

@@ -5,9 +5,11 @@ They are let go of one after the other, and that takes time: none may go on with
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from typing import Final
+
+from qrobot.errors import raise_first
 
 _stops: Final[list[Callable[[], object]]] = []
 
@@ -19,9 +21,19 @@ def at_bad_end(stop: Callable[[], object]) -> Callable[[], object]:
 
 
 def stop_all() -> None:
-    """Let all arms of the program begin to come to rest."""
-    for stop in _stops:
-        stop()
+    """Let all arms of the program begin to come to rest. Raises what a function of the program raises, then."""
+    stop_each(_stops)
+
+
+def stop_each(stops: Iterable[Callable[[], object]]) -> None:
+    """Call all of them, whatever one raises, a Ctrl-C or an exit too; raises the first error then."""
+    errors: list[BaseException] = []
+    for stop in stops:
+        try:
+            stop()
+        except BaseException as error:
+            errors.append(error)
+    raise_first(errors, ours_too=True)
 
 
 @contextmanager

@@ -14,7 +14,7 @@ import numpy as np
 
 from qrobot.arrays import Words
 from qrobot.errors import ConfigError, QRobotError, letting_go, raise_first
-from qrobot.rci.bad_end import at_bad_end, stop_all
+from qrobot.rci.bad_end import at_bad_end, stop_all, stop_each
 from qrobot.rci.common_clock import CommonClock, checked_rate
 from qrobot.rci.descriptor import AREA_WORDS, HOST, MOST_TASKS, PARENT, TaskDescriptor, TaskState, TaskWord
 from qrobot.rci.environment import Environment, link_maker
@@ -351,8 +351,7 @@ _open: Final[list[RciProgram]] = []
 
 @at_bad_end
 def _stop_all() -> None:
-    for program in list(_open):
-        program.begin_stop()
+    stop_each([program.begin_stop for program in _open])
 
 
 _exit_status: Final[list[int]] = []  # of a program that hears of its tasks' bad end when it is over itself

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Final
 
 import pytest
@@ -21,7 +22,10 @@ from qrobot.arcl import (
     move,
 )
 from qrobot.arcl.events import ArclEvent
+from qrobot.arcl.opened import newest, open_robots
 from qrobot.arcl.program import end_all
+from qrobot.errors import LinkError
+from qrobot.rci.bad_end import stop_all
 from tests.support.arcl import PARK, offline
 
 pytestmark = pytest.mark.usefixtures("arcl_alone")
@@ -74,7 +78,7 @@ class Hearer:
         return OK
 
 
-def under_way(hearer: Hearer) -> tuple[ArclRobot, list[Motion]]:
+def under_way(hearer: Callable[[ArclEvent, ArclRobot], object]) -> tuple[ArclRobot, list[Motion]]:
     """A robot on its way, and the motions that wait behind that one, of which `hearer` is told."""
     rp = offline()
     move(rp, joint_pos(rp, "first", (120.0, *PARK[1:])), 0)
@@ -116,3 +120,34 @@ def test_a_function_that_raises_keeps_no_motion_in_the_queue_and_the_arm_comes_t
         rp.abandon()
     assert EVENT_BEGIN not in hearer.told
     assert seen == [(rp, False)]
+
+
+@pytest.mark.parametrize("let_go", [arcl_close, ArclRobot.close, ArclRobot.abandon])
+def test_a_robot_that_was_let_go_of_is_no_open_one(let_go: Callable[[ArclRobot], None]) -> None:
+    first, second = offline(), offline()
+    assert open_robots() == [first, second]
+    let_go(first)
+    assert open_robots() == [second]
+    let_go(second)
+    with pytest.raises(LinkError, match="no robot is open"):
+        newest()
+
+
+@pytest.mark.parametrize("error", [SystemExit, KeyboardInterrupt, ValueError])
+@pytest.mark.parametrize("raises", [0, 1])
+def test_a_function_that_ends_the_program_when_all_stop_keeps_no_other_robot_from_its_stop(
+    raises: int, error: type[BaseException]
+) -> None:
+    def ends(event: ArclEvent, _: ArclRobot) -> object:
+        if event == EVENT_STOP:
+            raise error
+        return OK
+
+    robots = [under_way(ends if number == raises else Hearer(0))[0] for number in (0, 1)]
+    with suppress(error):
+        stop_all()
+    assert [rp.waiting for rp in robots] == [0, 0]
+    for rp in robots:
+        arcl_wait(rp)
+        assert rp.joints[0] < 120.0
+        rp.abandon()
