@@ -260,8 +260,8 @@ EXPLANATION: dict[FaultCode, tuple[str, str]] = {
         "name one with `calibration_table` in the deployment file",
     ),
     FaultCode.IO_LOST: (
-        "a remote module beside the board does not answer; its inputs read as safe",
-        "check the module and its cable; it is used again as soon as it answers",
+        "a remote module beside the board does not answer, its inputs read as safe; or a sensor's CAN interface fails",
+        "check the module, or the interface, and its cable; it is used again as soon as it answers",
     ),
     FaultCode.ESTOP: (
         "the emergency stop is pressed",

@@ -16,6 +16,7 @@ from qrobot.report import Report
 from qrobot.units import NS_PER_MS
 
 if TYPE_CHECKING:
+    from qrobot.hwif.canbus.sensor import SensorBus
     from qrobot.hwif.modbus.io import RemoteModule
 
 
@@ -25,7 +26,7 @@ class Transport(NamedTuple):
     Attributes:
         bus: not connected yet.
         period_ns: time between two exchanges.
-        module_losses: how often remote modules beside the board have been lost.
+        module_losses: how often remote modules, or the interface of a sensor, beside the board have been lost.
     """
 
     bus: Bus
@@ -36,23 +37,25 @@ class Transport(NamedTuple):
 def open_transport(board: BoardChoice, report: Report = lambda _line: None, patience_ms: float = math.inf) -> Transport:
     """The transport to `board`, with whatever stands beside it.
 
-    `report` takes a line when a module beside the board is found or lost. Separate drives are not left alone with their
-    last torque for longer than `patience_ms`, the servo's with its board.
+    `report` takes a line when a module or a sensor beside the board is found or lost. Separate drives are not left
+    alone with their last torque for longer than `patience_ms`, the servo's with its board.
 
     Raises:
         ConfigError: this board is not reached by a gateway, or what the transport is made of is not installed.
     """
     bus = _bus_of(board, patience_ms)
     modules = _modules(board, report)
+    beside: list[RemoteModule | SensorBus] = [*modules]
     if board.can_sensor is not None:
         from qrobot.hwif.canbus.sensor import with_sensor
 
-        bus = with_sensor(bus, board.can_sensor)
+        bus = sensor = with_sensor(bus, board.can_sensor, report)
+        beside.append(sensor)
     if modules:
         from qrobot.hwif.modbus.io import IoBus
 
         bus = IoBus(bus, modules)
-    return Transport(bus, round(board.period_ms * NS_PER_MS), lambda: sum(module.losses for module in modules))
+    return Transport(bus, round(board.period_ms * NS_PER_MS), lambda: sum(each.losses for each in beside))
 
 
 def _modules(board: BoardChoice, report: Report) -> list[RemoteModule]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from typing import TYPE_CHECKING, Final
 
 from qrobot.errors import LinkError, LinkLost, LinkTimeout, RemoteProtocolError
@@ -56,10 +57,11 @@ class CanLink:
         self._restarted = None
 
     def close(self) -> None:
-        """Let go of the interface. May be called twice."""
-        if self._bus is not None:
-            self._bus.shutdown()
-            self._bus = None
+        """Let go of the interface, also of one that has failed. May be called twice."""
+        bus, self._bus = self._bus, None
+        if bus is not None:
+            with suppress(load_can().CanError, OSError, ValueError):  # an adapter that is pulled takes no farewell
+                bus.shutdown()
 
     def send(self, can_id: int, data: bytes) -> None:
         """Send a frame. Raises LinkLost when the interface fails."""

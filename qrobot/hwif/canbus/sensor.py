@@ -1,13 +1,16 @@
 """A sensor on CAN as channels of the board's converter: the servo samples it as it samples any other channel.
 
 `SensorBus` stands before the bus to the board and answers conversions of its channels (converter.py) with the newest
-values that came; one that is too old is none.
+values that came; one that is too old is none. A sensor whose CAN interface fails has none either, and the board goes
+on. Its interface is opened again by a thread of its own, because that may take seconds for which no exchange can wait.
 """
 
 from __future__ import annotations
 
+import threading
 import time
 from collections.abc import Callable
+from typing import Final
 
 from qrobot.arrays import Words
 from qrobot.config.can_sensor import CanSensor, CanSignal
@@ -16,7 +19,10 @@ from qrobot.hwif.bus import BoardFacts, Bus, Operations
 from qrobot.hwif.canbus.interface import load_can
 from qrobot.hwif.canbus.link import CanLink
 from qrobot.hwif.converter import RemoteChannels, adc_word, require_signed_converter
+from qrobot.report import Report
 from qrobot.units import NS_PER_MS
+
+RETRY_NS: Final = 200_000_000  # between two attempts to open the interface, as the gateway's to find a board [A]
 
 
 def decode_signal(signal: CanSignal, data: bytes) -> int:
@@ -32,6 +38,13 @@ def decode_signal(signal: CanSignal, data: bytes) -> int:
     return adc_word(count * signal.volt_per_count - signal.zero_v)
 
 
+def in_a_thread(work: Callable[[], None]) -> threading.Thread:
+    """Do `work` in a thread that keeps no process from its end."""
+    thread = threading.Thread(target=work, daemon=True)
+    thread.start()
+    return thread
+
+
 class SensorBus:
     """A `Bus` to a board of revision F, with channels that a sensor on CAN serves.
 
@@ -39,24 +52,39 @@ class SensorBus:
         bus: to the board.
         sensor: where it is and what it sends.
         now_ns: the clock by which a value is too old.
+        report: takes a line when the sensor's interface fails, does not open at first, or opens after that.
+        aside: does something in a thread of its own.
 
     Attributes:
         malformed: frames of the sensor that were too short.
+        losses: times its interface has failed.
     """
 
-    def __init__(self, bus: Bus, sensor: CanSensor, now_ns: Callable[[], int] = time.monotonic_ns) -> None:
-        self.name = f"{bus.name} with a sensor on CAN {sensor.interface}:{sensor.channel}"
-        self.malformed = 0
-        self._bus, self._sensor, self._now_ns = bus, sensor, now_ns
+    def __init__(
+        self,
+        bus: Bus,
+        sensor: CanSensor,
+        now_ns: Callable[[], int] = time.monotonic_ns,
+        report: Report = lambda _line: None,
+        aside: Callable[[Callable[[], None]], threading.Thread | None] = in_a_thread,
+    ) -> None:
+        self._where = f"CAN {sensor.interface}:{sensor.channel}"
+        self.name = f"{bus.name} with a sensor on {self._where}"
+        self.malformed = self.losses = 0
+        self._bus, self._sensor, self._now_ns, self._report, self._aside = bus, sensor, now_ns, report, aside
         self._link = CanLink(sensor.interface, sensor.channel, sensor.bitrate, ())
         self._channels = RemoteChannels({signal.channel for signal in sensor.signals}, self._maybe_word)
         self._newest: dict[int, tuple[int, int]] = {}  # by channel: word, time
+        self._here = self._told = False
+        self._retry_ns = 0
+        self._opener: threading.Thread | None = None
 
     def connect(self) -> BoardFacts:
-        """Connect the board's bus and the sensor. Raises LinkError for a board of revision E."""
+        """Connect the board's bus; the sensor comes when it comes. Raises LinkError for a board of revision E."""
         facts = self._bus.connect()
         require_signed_converter(facts)
-        self._link.open()
+        self._await_opener()
+        self._open()
         self._newest.clear()
         self._channels.forget()
         return facts
@@ -70,13 +98,57 @@ class SensorBus:
     def close(self) -> None:
         """Let go of both."""
         self._bus.close()
-        self._link.close()
+        self._await_opener()
+        self._let_go()
 
     def _listen(self, now_ns: int) -> None:
-        for message in self._link.waiting():
+        if not self._here:
+            self._open_again(now_ns)
+            return
+        try:
+            messages = self._link.waiting()
+        except LinkError as error:
+            self._lose(error, now_ns)
+            return
+        for message in messages:
             for signal in self._sensor.signals:
                 if message.arbitration_id == signal.id:
                     self._take(signal, bytes(message.data), now_ns)
+
+    def _open(self) -> None:
+        """Open the interface unless it is; one that does not open is told of once."""
+        try:
+            self._link.open()
+        except LinkError as error:
+            self._let_go()
+            if not self._told:
+                self._report(f"no sensor at {self._where}: {error}")
+            self._told = True
+            return
+        if self._told:
+            self._report(f"sensor at {self._where}: the interface is open")
+        self._told, self._here = False, True
+
+    def _open_again(self, now_ns: int) -> None:
+        if now_ns >= self._retry_ns and (self._opener is None or not self._opener.is_alive()):
+            self._retry_ns = now_ns + RETRY_NS
+            self._opener = self._aside(self._open)
+
+    def _await_opener(self) -> None:
+        if self._opener is not None:
+            self._opener.join()
+            self._opener = None
+
+    def _lose(self, error: LinkError, now_ns: int) -> None:
+        self.losses += 1
+        self._newest.clear()
+        self._let_go()
+        self._told, self._retry_ns = True, now_ns + RETRY_NS
+        self._report(f"sensor at {self._where} lost, its channels have no value: {error}")
+
+    def _let_go(self) -> None:
+        self._here = False
+        self._link.close()
 
     def _take(self, signal: CanSignal, data: bytes, now_ns: int) -> None:
         try:
@@ -91,7 +163,7 @@ class SensorBus:
         return word if now_ns - t_ns <= self._sensor.timeout_ms * NS_PER_MS else None
 
 
-def with_sensor(bus: Bus, sensor: CanSensor) -> SensorBus:
+def with_sensor(bus: Bus, sensor: CanSensor, report: Report = lambda _line: None) -> SensorBus:
     """`bus` with the sensor that a deployment file describes. Raises ConfigError when python-can is not installed."""
     load_can()
-    return SensorBus(bus, sensor)
+    return SensorBus(bus, sensor, report=report)

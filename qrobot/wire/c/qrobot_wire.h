@@ -230,7 +230,7 @@ static inline const char *qrobot_fault_text(int code)
     case 72: return "CAL_STOPPED: the calibration was stopped on request, or `qrobot calibrate` was killed";
     case 73: return "CAL_MOVED: the arm did not stay at rest while its counters were loaded";
     case 74: return "CAL_NO_TABLE: the servo has no calibration table";
-    case 75: return "IO_LOST: a remote module beside the board does not answer; its inputs read as safe";
+    case 75: return "IO_LOST: a remote module beside the board does not answer, its inputs read as safe; or a sensor's CAN interface fails";
     case 78: return "LAW_BOUNDS: the control law wrote past the end of an array";
     case 79: return "FENCE: the arm would enter a fence of the deployment file, or come too near another arm, or one that is not heard of";
     case 80: return "BOARD_JOINTS: the board has fewer encoder channels than the robot has joints";

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import threading
 import uuid
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import can
@@ -14,7 +15,8 @@ from qrobot.cli.arms import servo_settings
 from qrobot.config import load_deployment
 from qrobot.config.can_sensor import CanSensor, CanSignal
 from qrobot.errors import ConfigError, LinkError
-from qrobot.hwif.canbus.sensor import SensorBus, decode_signal
+from qrobot.hwif.canbus.interface import open_interface
+from qrobot.hwif.canbus.sensor import RETRY_NS, SensorBus, decode_signal
 from qrobot.hwif.image import IMAGE_ADC_VALUE, IMAGE_STATUS, make_image
 from qrobot.hwif.operations import OP_WRITE
 from qrobot.hwif.registers import (
@@ -26,6 +28,7 @@ from qrobot.hwif.registers import (
     DISCRETE_ADC,
     STATUS_ADC_BUSY,
 )
+from qrobot.units import NS_PER_MS
 from tests.support.bench import Bench
 from tests.support.bus import BenchEndpoint, DirectBus, Row, rows_of
 from tests.support.patience import PATIENCE_MS
@@ -52,6 +55,10 @@ def signal(channel: int = FORCE, **keys: object) -> CanSignal:
     return CanSignal.model_validate({"channel": channel, "id": 0x123, "volt_per_count": 0.001, **keys})
 
 
+def at_once(work: Callable[[], None]) -> None:
+    work()
+
+
 class Desk:
     def __init__(self, timeout_ms: float = PATIENCE_MS, **options: object) -> None:
         name = uuid.uuid4().hex
@@ -59,9 +66,10 @@ class Desk:
         self.end = BenchEndpoint(Bench(**options))  # type: ignore[arg-type]
         self.sensor = can.Bus(interface="virtual", channel=name)
         config = CanSensor(interface="virtual", channel=name, signals=signals)
-        patient = config.model_copy(update={"timeout_ms": timeout_ms})  # longer than a file may ask for
+        self.config = config.model_copy(update={"timeout_ms": timeout_ms})  # longer than a file may ask for
         self.clock = VirtualClock()
-        self.bus = SensorBus(DirectBus(self.end), patient, self.clock)
+        self.told: list[str] = []
+        self.bus = SensorBus(DirectBus(self.end), self.config, self.clock, self.told.append, at_once)
         self.image = make_image()
 
     def close(self) -> None:
@@ -145,6 +153,118 @@ def test_a_sensor_that_is_silent_or_was_never_heard_has_no_value() -> None:
     desk.exchange()
     desk.clock.pass_ms(20.1)
     assert desk.convert(FORCE) is None
+    desk.close()
+
+
+class Adapter:
+    """The interface of the sensor, which somebody pulls and plugs in.
+
+    Attributes:
+        pulled: it neither receives, nor opens, nor closes.
+        opened: times it was opened.
+    """
+
+    def __init__(self, patch: pytest.MonkeyPatch) -> None:
+        self.pulled, self.opened = False, 0
+        self._open = open_interface
+        patch.setattr("qrobot.hwif.canbus.link.open_interface", self.open_or_say_why_not)
+
+    def open_or_say_why_not(self, *where: object) -> can.BusABC:
+        try:
+            return self.open(*where)
+        except can.CanError as error:
+            raise LinkError(f"CAN interface does not open: {error}") from error
+
+    def open(self, *where: object) -> can.BusABC:
+        self.must_be_there()
+        self.opened += 1
+        bus = self._open(*where)  # type: ignore[arg-type]
+        receive, shut_down = bus.recv, bus.shutdown
+
+        def checked_receive(timeout: float | None = None) -> can.Message | None:
+            self.must_be_there()
+            return receive(timeout)
+
+        def checked_shut_down() -> None:
+            shut_down()
+            self.must_be_there()
+
+        bus.recv, bus.shutdown = checked_receive, checked_shut_down  # type: ignore[method-assign]
+        return bus
+
+    def must_be_there(self) -> None:
+        if self.pulled:
+            raise can.CanOperationError("no such device")
+
+
+@pytest.fixture
+def adapter(monkeypatch: pytest.MonkeyPatch) -> Adapter:
+    return Adapter(monkeypatch)
+
+
+def test_a_sensor_whose_interface_fails_has_no_value_until_it_opens_again_and_the_board_goes_on(
+    adapter: Adapter,
+) -> None:
+    desk = Desk()
+    desk.bus.connect()
+    desk.send(bytes(4))
+    assert desk.convert(FORCE) == 0.0
+    adapter.pulled = True
+    for _ in range(3):
+        assert desk.convert(FORCE) is None
+        assert desk.convert(BOARD_CHANNEL) is not None
+    desk.clock.pass_ms(RETRY_NS / NS_PER_MS)
+    assert desk.convert(FORCE) is None
+    adapter.pulled = False
+    desk.exchange()
+    assert adapter.opened == 1  # it is looked for now and then
+    desk.clock.pass_ms(RETRY_NS / NS_PER_MS)
+    desk.exchange()
+    desk.send(bytes(4))
+    assert desk.convert(FORCE) == 0.0
+    assert (adapter.opened, desk.bus.losses) == (2, 1)
+    assert [line.partition(": ")[2] for line in desk.told] == [
+        "the interface fails: no such device",
+        "the interface is open",
+    ]
+    desk.close()
+
+
+def test_a_board_is_found_although_the_interface_of_its_sensor_does_not_open(adapter: Adapter) -> None:
+    desk = Desk()
+    adapter.pulled = True
+    for _ in range(3):  # the board, too, may have to be looked for
+        desk.bus.connect()
+        assert desk.convert(BOARD_CHANNEL) is not None
+        assert desk.convert(FORCE) is None
+        desk.bus.close()
+    [told] = desk.told
+    assert told.startswith("no sensor at CAN virtual:")
+    adapter.pulled = False
+    desk.bus.connect()
+    desk.send(bytes(4))
+    assert desk.convert(FORCE) == 0.0
+    assert desk.bus.losses == 0
+    desk.close()
+
+
+def test_no_exchange_waits_for_an_interface_that_opens_slowly(
+    adapter: Adapter, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    desk, may_open = Desk(), threading.Event()
+    desk.bus = SensorBus(DirectBus(desk.end), desk.config, desk.clock)
+    adapter.pulled = True
+    desk.bus.connect()
+    adapter.pulled, opens = False, adapter.open
+    monkeypatch.setattr("qrobot.hwif.canbus.link.open_interface", lambda *where: may_open.wait() and opens(*where))
+    for _ in range(3):
+        desk.clock.pass_ms(RETRY_NS / NS_PER_MS)
+        assert desk.convert(BOARD_CHANNEL) is not None
+    may_open.set()
+    desk.bus.connect()  # awaits the one that opens, and finds it open
+    desk.send(bytes(4))
+    assert desk.convert(FORCE) == 0.0
+    assert adapter.opened == 1
     desk.close()
 
 

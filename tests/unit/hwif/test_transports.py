@@ -79,6 +79,14 @@ def test_a_sensor_on_can_stands_before_the_transport_to_a_board(tmp_path: Path) 
     assert bus.name == "CAN virtual:x, node 7 with a sensor on CAN virtual:y"
 
 
+def test_the_servo_is_told_how_often_the_interface_of_a_sensor_has_failed(tmp_path: Path) -> None:
+    [arm] = load(tmp_path, CAN + SENSOR).arm
+    bus, _, losses = open_transport(arm.board)
+    assert isinstance(bus, SensorBus)
+    bus.losses = 3
+    assert losses() == 3
+
+
 def test_a_sensor_on_can_needs_a_gateway(tmp_path: Path) -> None:
     emulated = CAN.split("[arm.board]", maxsplit=1)[0] + SENSOR
     with pytest.raises(ConfigError, match="needs a board behind a gateway, and kind = 'emulator' has none"):
