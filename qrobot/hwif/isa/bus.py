@@ -18,10 +18,10 @@ from qrobot.hwif.bus import BoardFacts, Operations
 from qrobot.hwif.image import IMAGE_INPUTS, make_image
 from qrobot.hwif.isa.card import CARD_BASE, CARD_KIND, CARD_REVISION, REAL_CARD, apply_all, read_card
 from qrobot.hwif.isa.permission import require_ports
-from qrobot.hwif.registers import ADC_START, N_ENCODERS, STATUS
+from qrobot.hwif.registers import ADC_START, ADC_VALUE, N_ENCODERS, STATUS
 
 _EMPTY_BUS = 0xFFFF
-_NOT_READ = np.array([STATUS + 2, ADC_START]) // 2
+_NO_WHOLE_WORDS = np.array([STATUS + 2, ADC_START, ADC_VALUE]) // 2  # not read, or a byte of revision E
 
 
 class PortBus:
@@ -63,7 +63,7 @@ class PortBus:
     def _read(self) -> None:
         read: Any = read_card
         read(self.card, self._newest, self._now_ns())
-        words = np.delete(self._newest[IMAGE_INPUTS:], _NOT_READ)
+        words = np.delete(self._newest[IMAGE_INPUTS:], _NO_WHOLE_WORDS)
         if np.all(words == words[0]) and words[0] in (0, _EMPTY_BUS):
             raise LinkLost(f"no card answers at {self.name}: every register reads {int(words[0]):#06x}; base, cable?")
 

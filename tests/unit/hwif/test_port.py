@@ -18,7 +18,7 @@ from qrobot.cli.main import make_app
 from qrobot.config import load_robot
 from qrobot.errors import ConfigError, LinkBusy, LinkLost
 from qrobot.hwif.board_memory import Lane, fetch_image, local_board_memory
-from qrobot.hwif.bus import safe_operations
+from qrobot.hwif.bus import NO_OPERATIONS, safe_operations
 from qrobot.hwif.image import make_image
 from qrobot.hwif.isa import instructions
 from qrobot.hwif.isa.card import (
@@ -221,12 +221,20 @@ def test_a_dry_run_reads_everything_and_counts_what_it_would_have_written() -> N
     assert slot.read(ENC_COUNT) == 50
 
 
-def test_an_empty_slot_is_said_to_be_empty() -> None:
-    slot = Slot()
+@pytest.mark.parametrize("revision_f", [True, False])
+@pytest.mark.parametrize("connected", [False, True])
+def test_an_empty_slot_is_said_to_be_empty(revision_f: bool, connected: bool) -> None:
+    slot = Slot(revision_f)
+    bus, image = FakeCardBus(slot.card), make_image()
+    if connected:
+        bus.connect()
+        bus.exchange(NO_OPERATIONS, image)
     slot.card.pulled = True
     slot.card.settle()
-    with pytest.raises(LinkLost, match=r"no card answers at ISA port 0x300: every register reads 0xffff"):
-        FakeCardBus(slot.card).connect()
+    with pytest.raises(
+        LinkLost, match=r"no card answers at ISA port 0x300: every register reads 0xffff; base, cable\?$"
+    ):
+        bus.exchange(NO_OPERATIONS, image) if connected else bus.connect()
 
 
 def test_without_a_card_there_is_nothing_to_exchange() -> None:
