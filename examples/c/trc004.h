@@ -80,7 +80,7 @@ struct trc004 {
     int64_t seen_ns; /* when an image was new */
     int pending;     /* something was posted since the last wait */
     int held;        /* operations that are posted together with the next one */
-    int lost;        /* the board has stopped: reads give 0xFFFF, as an empty slot does, and writes are dropped */
+    int lost;        /* the board has stopped: reads give 0xFFFF, as an empty slot does, and what is written waits */
 };
 
 static inline int64_t trc004_now_ns(void)
@@ -196,6 +196,11 @@ static inline int64_t trc004_done(const struct trc004 *board)
     return tail < forget && forget <= board->words[TRC004_LANE] ? forget : tail;
 }
 
+static inline int trc004_full(const struct trc004 *board)
+{
+    return board->words[TRC004_LANE] + board->held - trc004_done(board) >= TRC004_LANE_CAPACITY;
+}
+
 /* Copy the newest image, if it is whole: the sequence word is odd while the board writes one. */
 static inline void trc004_fetch(struct trc004 *board)
 {
@@ -249,17 +254,20 @@ static inline void trc004_settle(struct trc004 *board)
     board->pending = board->lost;
 }
 
-/* Post an operation. `hold`: let the board have it together with the next one. A full lane is waited for. */
+/* Post an operation. `hold`: let the board have it together with the next one. A full lane is waited for. That of a
+ * board which is lost loses its older half, so that the newest is there when the board goes on: zero torque, power off. */
 static inline void trc004_post(struct trc004 *board, int kind, int offset, int value, int hold)
 {
-    int64_t since = trc004_now_ns(), head = board->words[TRC004_LANE] + board->held, slot;
+    int64_t since = trc004_now_ns(), head, slot;
 
-    while (head - trc004_done(board) >= TRC004_LANE_CAPACITY) {
+    while (trc004_full(board)) {
         trc004_look(board, since);
         if (board->lost)
-            return;
-        trc004_pause();
+            trc004_store(board, TRC004_LANE + TRC004_LANE_FORGET,
+                         board->words[TRC004_LANE] - TRC004_LANE_CAPACITY / 2);
+        trc004_pause(); /* the board may just be taking the oldest */
     }
+    head = board->words[TRC004_LANE] + board->held;
     slot = TRC004_LANE + TRC004_LANE_RING + head % TRC004_LANE_CAPACITY * TRC004_LANE_FIELDS;
     trc004_store(board, slot + TRC004_OP_KIND, kind);
     trc004_store(board, slot + TRC004_OP_OFFSET, offset);

@@ -19,9 +19,18 @@ from numpy.typing import NDArray
 from qrobot.config import load_robot
 from qrobot.errors import LinkBusy
 from qrobot.hwif import board_memory, image, operations, registers
-from qrobot.hwif.board_memory import BOARD_MEMORY, PANEL_MICRO, Lane, create_board_memory, publish_image
+from qrobot.hwif.board_memory import (
+    BOARD_MEMORY,
+    LANE_CAPACITY,
+    PANEL_MICRO,
+    Lane,
+    create_board_memory,
+    publish_image,
+)
 from qrobot.hwif.image import IMAGE_WORDS
+from qrobot.hwif.lanes import take_all_operations
 from qrobot.hwif.memory_bus import board_memory_bus
+from qrobot.hwif.operations import OP_FIELDS
 from qrobot.hwif.registers import DAC, DAC_ZERO, DISCRETE, DISCRETE_CALIBRATED, DISCRETE_POWER
 from qrobot.hwif.trace import read_trace
 from qrobot.realtime import shared_memory
@@ -235,6 +244,61 @@ def test_a_thousand_writes_without_a_read_are_all_taken(tmp_path: Path, arm: str
     assert subprocess.run([target, arm], check=False).returncode == 0
     assert len(read_trace(server.segment.memory)) == 3001
     assert server.emulator.bundle.board.dac[7] == DAC_ZERO
+
+
+WAY_OUT = [*((DAC + 2 * channel, DAC_ZERO) for channel in range(8)), (DISCRETE, DISCRETE_CALIBRATED)]
+
+
+@pytest.fixture(scope="module")
+def deaf(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A program that writes so many torques, reads or not, then goes its way out, and reads again."""
+    folder = tmp_path_factory.mktemp("deaf")
+    (folder / "deaf.c").write_text(
+        """#include <stdlib.h>
+        #include "trc004.h"
+        int main(int argc, char **argv)
+        {
+            struct trc004 board;
+            if (argc != 4 || trc004_open(&board, argv[1]) != 0)
+                return 2;
+            for (int i = 0; i < atoi(argv[2]); i++)
+                trc004_outw(&board, TRC004_DAC, 0x7FF);
+            if (atoi(argv[3]) && trc004_inw(&board, TRC004_STATUS) != 0xFFFF)
+                return 3;
+            for (int channel = 0; channel < 8; channel++)
+                trc004_outw(&board, TRC004_DAC + 2 * channel, TRC004_DAC_ZERO);
+            trc004_outw(&board, TRC004_DISCRETE, TRC004_DISCRETE_CALIBRATED);
+            return trc004_inw(&board, TRC004_STATUS) != 0xFFFF || !board.lost;
+        }"""
+    )
+    include = ["-D_GNU_SOURCE", "-I", SOURCES, "-I", INCLUDE]
+    subprocess.run([COMPILER, *include, "-o", folder / "deaf", folder / "deaf.c"], check=True)
+    return folder / "deaf"
+
+
+@needs_compiler
+@pytest.mark.parametrize(
+    ("torques", "reads"),
+    [
+        (8, False),
+        (8, True),
+        (LANE_CAPACITY - 1, False),
+        (LANE_CAPACITY, True),
+        (2 * LANE_CAPACITY, False),
+        (5 * LANE_CAPACITY - 4, False),
+    ],
+)
+def test_a_board_that_goes_on_takes_the_newest_of_what_was_written_while_it_stood(
+    deaf: Path, arm: str, torques: int, reads: bool
+) -> None:
+    taken, lanes = np.zeros((LANE_CAPACITY, OP_FIELDS), np.int64), np.zeros(LANE_CAPACITY, np.int64)
+    with create_board_memory(arm) as segment:
+        publish_image(segment.memory, np.ones(IMAGE_WORDS, np.int64))
+        assert subprocess.run([deaf, arm, str(torques), str(int(reads))], check=False).returncode == 0
+        n = take_all_operations(segment.memory, taken, lanes)
+        assert segment.memory.facts.dropped == 0
+    assert [(offset, value) for _, offset, value in taken[n - len(WAY_OUT) : n].tolist()] == WAY_OUT
+    assert n >= min(torques, LANE_CAPACITY // 2)
 
 
 @needs_compiler
