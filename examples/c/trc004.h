@@ -8,7 +8,8 @@
  * It stands for inw(base + offset) and outw(value, base + offset) on the ISA card, trc004_inb and trc004_outb for the
  * byte accesses that boards of revision E and before want. What is written takes effect in the order of the calls, at
  * the board's next sample (a quarter of a millisecond); a read waits until everything written before has taken effect.
- * One controller at a time: beside a running servo, or another such program, trc004_open says no.
+ * One controller at a time: beside a running servo, another such program, or a board that `--serve` serves to others,
+ * trc004_open says no.
  * C99 or C++11 with gcc or clang, on Linux; no library is needed, and compiled is with -I qrobot/wire/c.
  *
  * SPDX-License-Identifier: Apache-2.0
@@ -146,7 +147,10 @@ static inline int trc004_open(struct trc004 *board, const char *arm)
         return -1;
     }
     if (trc004_claim(fd) != 0) {
-        fprintf(stderr, "the board of %s has a controller already, a servo or another program: end that one first\n", arm);
+        fprintf(stderr,
+                "the board of %s has a controller already, a servo or another program, or is served to one "
+                "(`qrobot board --serve`): end that one first\n",
+                arm);
         close(fd);
         return -1;
     }

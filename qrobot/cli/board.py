@@ -22,7 +22,7 @@ from qrobot.errors import ConfigError
 from qrobot.report import QueuedReport
 
 if TYPE_CHECKING:
-    from qrobot.hwif.board_memory import BoardMemory
+    from qrobot.hwif.board_memory import BoardSegment
 
 app = App(name="board", help_format="plaintext", group_commands="Commands")
 app.command(check)
@@ -71,7 +71,8 @@ def board(
         Serve the emulated board over a transport as well, as `can=INTERFACE:CHANNEL` (names of python-can; @NODE may
         follow) or `modbus=HOST:PORT` (@MS may follow: the client's silence after which the board is made safe, 100 if
         left out, 0 for never; then +CLIENT,...: addresses or networks of other machines that may connect).
-        Whoever is at the other end then is this board's one controller. May be given again.
+        Whoever is at the other end then is this board's one controller: a servo, or another program, is refused. May be
+        given again.
     record
         Write every register access of a board behind a transport to this file; `qrobot board replay` reads it.
     """
@@ -84,6 +85,7 @@ def board(
         raise ConfigError(
             f"--record: the emulated board of {chosen.name} is behind no transport; its log has every cycle"
         )
+    from qrobot.hwif.board_memory import claim_board
     from qrobot.hwif.bus import MemoryEndpoint
     from qrobot.hwif.transports import check_servers, modules_beside, servers
     from qrobot.servo.memory.servo_memory import arm_is_driven
@@ -98,7 +100,10 @@ def board(
     emulator = emulator_of_arm(chosen, robot, plant=plant, calibrated=calibrated, scene=scene, faults=plan)
 
     @contextmanager
-    def served(memory: BoardMemory) -> Iterator[None]:
+    def served(segment: BoardSegment) -> Iterator[None]:
+        if serve:
+            claim_board(segment, chosen.name)
+        memory = segment.memory
         with modules_beside(chosen.board, memory, told), servers(serve, MemoryEndpoint(memory), told):
             yield
 

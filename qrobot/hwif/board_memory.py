@@ -187,18 +187,31 @@ def command_board_memory(arm: str) -> BoardSegment:
     """Map the board memory of `arm` as its one controller, as long as the segment is open.
 
     Raises:
-        LinkBusy: it has a controller: a servo, a program in C, a walk through the board.
+        LinkBusy: it has a controller: a servo, a program in C, a walk through the board, whoever it is served to.
         LinkError: no board serves it.
     """
     segment = attach_board_memory(arm)
     try:
-        segment.claim()
+        claim_board(segment, arm)
     except LinkBusy:
         segment.close()
-        raise LinkBusy(
-            f"the board of {arm} has a controller already, a servo or another program: end that one first"
-        ) from None
+        raise
     return segment
+
+
+def claim_board(segment: BoardSegment, arm: str) -> None:
+    """Be the one controller of the board of `arm`, or keep that for whoever its own process serves it to.
+
+    Raises:
+        LinkBusy: it has a controller.
+    """
+    try:
+        segment.claim()
+    except LinkBusy:
+        raise LinkBusy(
+            f"the board of {arm} has a controller already, a servo or another program, or is served to one "
+            "(`qrobot board --serve`): end that one first"
+        ) from None
 
 
 def local_board_memory() -> BoardMemory:

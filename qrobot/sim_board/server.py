@@ -23,7 +23,7 @@ import numpy as np
 
 from qrobot.arrays import Words
 from qrobot.hwif.arm_clock import STALL_NS
-from qrobot.hwif.board_memory import BoardMemory, create_board_memory, local_board_memory
+from qrobot.hwif.board_memory import BoardMemory, BoardSegment, create_board_memory, local_board_memory
 from qrobot.hwif.lanes import newest_post_ns
 from qrobot.realtime.atomics import load_acquire, store_release
 from qrobot.realtime.clock import monotonic_ns, sleep_until_ns
@@ -145,7 +145,7 @@ def serve(
     arm: str,
     emulator: Emulator,
     ready: Callable[[], None] = lambda: None,
-    server_of: Callable[[BoardMemory], AbstractContextManager[object]] = nullcontext,
+    server_of: Callable[[BoardSegment], AbstractContextManager[object]] = nullcontext,
     slips: bool = False,
     beside: Sequence[str] = (),
     report: Callable[[str], None] = lambda _line: None,
@@ -171,7 +171,7 @@ def serve(
     with (
         set_on_signals(needed) as done,
         EmulatedBoardServer(arm, emulator, slips, beside) as server,
-        server_of(server.segment.memory),
+        server_of(server.segment),
     ):
         told_ns = server.slipped_ns
         ready()

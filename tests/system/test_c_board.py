@@ -309,7 +309,10 @@ def test_a_board_has_one_controller_whoever_comes_first(program: Path, arm: str,
     with start(program, arm) as late:
         told = late.communicate()[1]
     assert late.returncode == 1
-    assert told == f"the board of {arm} has a controller already, a servo or another program: end that one first\n"
+    assert told == (
+        f"the board of {arm} has a controller already, a servo or another program, or is served to one "
+        "(`qrobot board --serve`): end that one first\n"
+    )
     bus.close()
     with start(program, arm) as first:
         wait_until(lambda: moving(server), "joint 6 moves")

@@ -14,9 +14,17 @@ from pathlib import Path
 
 import pytest
 
+from qrobot.cli.console import run_app
+from qrobot.cli.main import make_app
 from qrobot.errors import LinkBusy
-from qrobot.hwif.board_memory import attach_board_memory, fetch_image
+from qrobot.hwif.board_memory import (
+    attach_board_memory,
+    command_board_memory,
+    create_board_memory,
+    fetch_image,
+)
 from qrobot.hwif.image import IMAGE_COUNT, make_image
+from qrobot.hwif.memory_bus import board_memory_bus
 from qrobot.hwif.modbus.client import ModbusBus, ModbusLine
 from qrobot.hwif.registers import (
     DAC,
@@ -106,6 +114,22 @@ def test_a_client_that_is_not_ours_reads_counts_writes_a_converter_and_moves_a_j
     assert client.read(1, 15, 1) == [1]
     client.write(DISCRETE // 2, DISCRETE_HAND_RELAXED | DISCRETE_CALIBRATED, *[DAC_ZERO] * N_DACS)
     assert client.read(1, 15, 1) == [0]
+
+
+def test_a_board_that_is_served_has_its_controller_at_the_other_end(served: Served) -> None:
+    with pytest.raises(LinkBusy, match="is served to one"):
+        board_memory_bus(served.arm).connect()
+
+
+def test_a_board_that_somebody_here_controls_is_not_served(served: Served, capsys: pytest.CaptureFixture[str]) -> None:
+    arm, port = f"kept{uuid.uuid4().hex[:8]}", free_port()
+    file = served.deployment(arm, "")
+    killed = create_board_memory(arm)
+    with command_board_memory(arm):
+        killed.close()  # its controller waits for the next one
+        assert run_app(make_app(), ["board", file, "--serve", f"modbus=127.0.0.1:{port}"]) == 1
+    assert f"the board of {arm} has a controller already" in capsys.readouterr().err
+    killed.path.unlink(missing_ok=True)
 
 
 def test_a_gateway_process_is_the_board_of_its_arm_and_follows_the_server(served: Served) -> None:
