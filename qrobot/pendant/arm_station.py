@@ -21,7 +21,7 @@ from qrobot.pendant.arm_watch import ArmWatch
 from qrobot.pendant.board_access import BoardAccess
 from qrobot.pendant.fence_facts import fence_facts, stand_facts
 from qrobot.pendant.frames import arm_facts
-from qrobot.pendant.free_path import free_path, led_name
+from qrobot.pendant.free_path import led_name
 from qrobot.pendant.jog_worker import JogWorker
 from qrobot.pendant.lease import DriverLease
 from qrobot.pendant.procedure_messages import PageProcedureStart
@@ -103,6 +103,7 @@ class ArmStation:
             "session": self.worker.session,
             "guide": self.worker.guide,
             "led": self.worker.led,
+            "writes": self.worker.writes,
             "commanded": self._commanded,
             "places": [*self.robot.poses, *taught],
             "taught": taught,
@@ -160,9 +161,9 @@ class ArmStation:
         self.requests.collision((share * most).tolist() if share < 1.0 else (), reaction)
 
     def keep_recording(self, smooth_mm: float) -> None:
-        """Write what the arm was led through beside its logs, smoothed; told when it is. Raises ConfigError."""
-        path = free_path(self._folder, led_name(self.arm.name), ".csv")
-        self.worker.say(do="keep", path=str(path), smooth=smooth_mm * M_PER_MM)
+        """Write what the arm was led through beside its logs, smoothed; told when it is, or why it cannot be."""
+        name = led_name(self.arm.name)
+        self.worker.say(do="keep", folder=str(self._folder), name=name, smooth=smooth_mm * M_PER_MM)
 
     def give_arm(self) -> None:
         """Bring the arm to rest and command it no longer; returns at once."""

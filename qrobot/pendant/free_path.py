@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Final
 
@@ -15,17 +16,36 @@ def led_name(arm: str) -> str:
     return f"{arm}-led"
 
 
-def free_path(folder: Path, stem: str, suffix: str) -> Path:
-    """A name in a folder that no file has: STEM.SUFFIX, STEM-1.SUFFIX and so on. Makes the folder.
+def write_beside(folder: Path, stem: str, suffix: str, write: Callable[[Path], object]) -> Path:
+    """Write a file under a name that no file of the folder has: STEM.SUFFIX, STEM-1.SUFFIX and so on; its path.
 
-    Raises ConfigError: it cannot be made, or is full of such files.
+    Whoever else writes there at the same time gets another name. Makes the folder.
+
+    Args:
+        write: fills the file, which is there, and empty; when it fails, the file goes.
+
+    Raises:
+        ConfigError: the folder cannot be made or written to, or is full of such files. What `write` raises.
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)
+        path = _new_file(folder, stem, suffix)
     except OSError as error:
         raise ConfigError(f"cannot write into {folder}: {error.strerror}") from None
+    try:
+        write(path)
+    except BaseException:
+        path.unlink(missing_ok=True)
+        raise
+    return path
+
+
+def _new_file(folder: Path, stem: str, suffix: str) -> Path:
     for number in range(MOST_FILES):
         path = folder / f"{stem}{f'-{number}' if number else ''}{suffix}"
-        if not path.exists():
-            return path
+        try:
+            path.open("x").close()
+        except FileExistsError:
+            continue
+        return path
     raise ConfigError(f"{folder} has {MOST_FILES} files {stem}*{suffix}: remove some")

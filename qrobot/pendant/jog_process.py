@@ -5,12 +5,13 @@ brings the arm to rest and ends.
 
     {"do": "on", "guide": false, "back": 20.0}, {"do": "off"}, {"do": "press", ...}, {"do": "beat", "number": 3},
     {"do": "release"}, {"do": "stop", "power_off": false}, {"do": "hand", "opened": true}, {"do": "load", "mass": 1.5,
-    "centre": [0.0, 0.0, 50.0]}, {"do": "keep", "path": "led.csv", "smooth": 0.003}, {"do": "forget"}
-    {"session": "no" | "opening" | "ready", "text": "for people", "guide": false, "led": [2.5, 4.0]}
+    "centre": [0.0, 0.0, 50.0]}, {"do": "keep", "folder": "out", "name": "left-led", "smooth": 0.003}, {"do": "forget"}
+    {"session": "no" | "opening" | "ready", "text": "for people", "guide": false, "led": [2.5, 4.0], "writes": false}
 
 A stop, or a power-off, for which others ask the servo, takes back an "on" that is not done yet, and ends a session.
 An arm that is jogged goes "back" so many mm from what it met, 0 for not at all. With "guide" it is led by hand; "led"
-are the lengths of what was recorded, in s.
+are the lengths of what was recorded, in s. While it "writes" a recording, which loads this interpreter, the arm is not
+taken.
 """
 
 from __future__ import annotations
@@ -33,13 +34,13 @@ from qrobot.fences.in_force import use_fences
 from qrobot.pendant.guide_session import GuideSession
 from qrobot.pendant.held_press import Press
 from qrobot.pendant.jog_session import JogSession
+from qrobot.pendant.recording_writer import RecordingWriter
 from qrobot.rccl.connect import compile_motion
-from qrobot.rccl.recordings import joined, smoothed
-from qrobot.rccl.setpoint_tables import write_setpoint_table
 from qrobot.rccl.setpoints import Setpoints
 from qrobot.rci import LinkFactory, TcpLink
 
 PRESSED: Final = "{} was pressed: the pendant does not command the arm; take it to go on"
+WRITES: Final = "the arm is not taken: a recording of it is being written; take it when that is done"
 
 
 class JogProcess:
@@ -66,6 +67,7 @@ class JogProcess:
         self._session: JogSession | GuideSession | None = None
         self._guide, self._back_mm = False, 0.0
         self._led: list[Setpoints] = []
+        self._writer = RecordingWriter(robot, partial(self._say, "no"))
         self._wanted = threading.Event()
         self._lock = threading.Lock()  # of the session, and whether one is wanted
         self._why = ""  # somebody has ended the session
@@ -91,6 +93,7 @@ class JogProcess:
                 session = self._begin()
             if session is not None:
                 self._serve(session)
+        self._writer.close()
 
     def _begin(self) -> JogSession | GuideSession | None:
         """The session that is wanted; None when that was taken back."""
@@ -126,18 +129,13 @@ class JogProcess:
         session = self._session
         return [*self._led, *(session.recordings if isinstance(session, GuideSession) else [])]
 
-    def _keep(self, path: str, smooth: float) -> None:
+    def _keep(self, folder: str, name: str, smooth: float) -> None:
         """Write what was led, joined, and smoothed within so many m; 0 for as it was."""
-        if self._session is not None:
-            self._say("ready", "the recording is not written: let go of the arm first")
+        if self._session is not None or self._wanted.is_set():
+            self._say("ready" if self._session else "no", "the recording is not written: let go of the arm first")
             return
-        try:
-            robot = load_robot(self._robot)
-            motion = joined(self._led, robot)
-            write_setpoint_table(Path(path), smoothed(motion, robot, smooth) if smooth else motion)
-            self._say("no", f"wrote {path}: the tab Programs plays it, and so does `qrobot replay {path} --approach`")
-        except (QRobotError, OSError) as error:
-            self._say("no", f"the recording is not written: {error}")
+        self._writer.write(self._led, Path(folder), name, smooth)
+        self._say("no")
 
     def _follows(self) -> None:
         self._say("ready")
@@ -150,9 +148,7 @@ class JogProcess:
         session, now_s = self._session, self._clock()
         match message.pop("do"):
             case "on":
-                if session is None:
-                    self._guide, self._back_mm = message.get("guide", False), message.get("back", 0.0)
-                self._wanted.set()
+                self._want(message.get("guide", False), message.get("back", 0.0))
             case "off":
                 self._leave()
             case "press" if session is not None:
@@ -170,10 +166,18 @@ class JogProcess:
             case "load":
                 self._say("no", "the load is as it was: the arm has just been let go of; set it once more")
             case "keep":
-                self._keep(message["path"], message["smooth"])
+                self._keep(message["folder"], message["name"], message["smooth"])
             case "forget" if session is None:
                 self._led = []
                 self._say("no")
+
+    def _want(self, guide: bool, back_mm: float) -> None:
+        if self._writer.writes:
+            self._say("no", WRITES)
+            return
+        if self._session is None:
+            self._guide, self._back_mm = guide, back_mm
+        self._wanted.set()
 
     def _stop(self, why: str) -> None:
         if self._session is None and self._wanted.is_set():
@@ -188,9 +192,10 @@ class JogProcess:
 
     def _say(self, session: str, text: str = "") -> None:
         led = [round(float(motion.t[-1]), 3) for motion in self._recorded()]
-        told = {"session": session, "text": text, "guide": self._guide, "led": led}
+        told = {"session": session, "text": text, "guide": self._guide, "led": led, "writes": self._writer.writes}
         try:
-            print(json.dumps(told), file=self._answers, flush=True)
+            self._answers.write(f"{json.dumps(told)}\n")  # whole, whichever threads tell something
+            self._answers.flush()
         except OSError:  # the pendant is gone: the end of the input is near
             self._over = True
 

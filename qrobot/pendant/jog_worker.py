@@ -34,10 +34,11 @@ class JogWorker:
         session: "no", "opening" or "ready".
         guide: the arm is, or was last, taken to be led by hand.
         led: lengths of what was recorded of that, s.
+        writes: a recording is being written.
     """
 
     def __init__(self, arm: DeployedArm, taught: Path, tell: Callable[[str], None]) -> None:
-        self.session, self.guide = "no", False
+        self.session, self.guide, self.writes = "no", False, False
         self.led: list[float] = []
         self._arm, self._taught, self._tell = arm, taught, tell
         self._process: subprocess.Popen[bytes] | None = None
@@ -82,6 +83,7 @@ class JogWorker:
             for line in answers:
                 said = json.loads(line)
                 self.session, self.guide, self.led = said["session"], said["guide"], said["led"]
+                self.writes = said["writes"]
                 self._tell(said["text"])
-        self.session, self.led = "no", []
+        self.session, self.led, self.writes = "no", [], False
         self._tell("" if process.wait() == 0 else "the process that moves the arm has ended: take the arm again")

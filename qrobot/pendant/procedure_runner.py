@@ -8,13 +8,14 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from tempfile import mkdtemp
 from typing import Any, Final
 
 from qrobot.errors import ConfigError, MotionError
 from qrobot.pendant.command_run import CommandRun
-from qrobot.pendant.free_path import free_path
+from qrobot.pendant.free_path import write_beside
 from qrobot.pendant.procedure_messages import PageProcedureStart
 from qrobot.pendant.runner import NICE, Runner
 
@@ -83,9 +84,9 @@ class ProcedureRunner(Runner):
             raise MotionError("there is no model to keep: record and fit first")
         if not confirmed:
             raise MotionError("the model is not written: confirm it")
-        path = free_path(self._models, f"{self._arm}-model", ".toml")
+        model = self._file("model.toml")
         try:
-            shutil.copyfile(self._file("model.toml"), path)
+            path = write_beside(self._models, f"{self._arm}-model", ".toml", partial(shutil.copyfile, model))
         except OSError as error:
             raise ConfigError(f"cannot write into {self._models}: {error.strerror}") from None
         self._kept = str(path)

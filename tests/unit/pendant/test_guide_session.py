@@ -122,17 +122,28 @@ def test_an_arm_is_led_while_its_button_is_held_and_a_page_that_fell_silent_lead
     assert "nothing was heard of the page" in silent
     assert "let go of it" in refused  # the button of the joint
 
-    answers, path = io.StringIO(), tmp_path / "led.csv"
+    answers, path = io.StringIO(), tmp_path / "one-led.csv"
     process = JogProcess("puma560", pytest.fail, tmp_path / "t.db", answers, page.now_s)
-    lines = [f'{{"do": "keep", "path": "{path}", "smooth": {smooth}}}' for smooth in (0.003, 0.0)]
-    process.read(lines)
-    assert answers.getvalue().count("is not written") == 2  # there is nothing to write
+    nothing = JogProcess("puma560", pytest.fail, tmp_path / "t.db", answers, page.now_s)
+    read(nothing, [keep(tmp_path, 0.003), keep(tmp_path, 0.0)])
+    assert answers.getvalue().count("is not written: there is nothing") == 2
     process._led = page.session.recordings
-    process.read([lines[0], '{"do": "keep", "path": "/nonexistent/led.csv", "smooth": 0.0}', '{"do": "forget"}'])
+    (tmp_path / "file").touch()
+    read(process, [keep(tmp_path, 0.003), keep(tmp_path / "file", 0.0), '{"do": "forget"}'])
     written = read_setpoint_table(path, ROBOT)
     np.testing.assert_allclose(written.q[[0, -1]], [first.q[0], second.q[-1]], atol=1e-6)
-    replay, refused, forgotten = answers.getvalue().splitlines()[2:]
-    assert "qrobot replay" in replay
-    assert "is not written" in refused
-    assert '"led": []' in forgotten
+    told = answers.getvalue()
+    assert "qrobot replay" in told
+    assert f"is not written: cannot write into {tmp_path / 'file'}" in told
+    assert '"led": []' in told.splitlines()[-1]
     assert deviation(written.q[:1], first.q[:1], Arm(ROBOT)) < 1e-6
+
+
+def keep(folder: Path, smooth: float) -> str:
+    return f'{{"do": "keep", "folder": "{folder}", "name": "one-led", "smooth": {smooth}}}'
+
+
+def read(process: JogProcess, lines: list[str]) -> None:
+    """Let a process obey lines, and end."""
+    process.read(lines)
+    process.run()

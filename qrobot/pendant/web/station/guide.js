@@ -28,14 +28,15 @@ export function guideCard() {
 
   const show = () => {
     const status = link.armStatus, state = link.arm && link.fresh(link.arm) ? link.arm.state : null;
-    const session = status?.session ?? "no", led = status?.led ?? [];
+    const session = status?.session ?? "no", led = status?.led ?? [], writes = status?.writes;
     const idle = link.driving && session === "no";
     take.disabled = !link.driving || !state || (session !== "no" && !taken()) || (session === "no" && !["HOLDING", "OFF"].includes(link.modeOf(state)));
     setText(take, !taken() ? "Take it to lead" : session === "ready" ? "Let go of the arm" : "taking …");
     setAttribute(take, "data-on", taken() && session === "ready");
     keepPlace.disabled = !link.driving || !state;
     setText(keepPlace, `Keep this place as ${freeName()}`);
-    write.disabled = forget.disabled = !idle || !led.length;
+    write.disabled = forget.disabled = !idle || !led.length || writes;
+    setText(write, writes ? "writing …" : "Write the recording");
     const seconds = led.reduce((sum, each) => sum + each, 0).toFixed(1);
     const recorded = led.length ? `Recorded: ${led.length} ${led.length === 1 ? "press" : "presses"}, ${seconds} s. ${session === "no" ? "" : "Let go of the arm to write it."}` : "";
     setText(told, link.leading ? `Hold the button with one hand and lead with the other one: it carries its weight, and is slower than 250 mm/s. ${recorded}` : recorded);
