@@ -6,12 +6,14 @@ import json
 import subprocess
 import threading
 from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from typing import Any, Final
 
 from qrobot.config.deployment import DeployedArm
 from qrobot.errors import MotionError
 from qrobot.pendant.command_run import CommandRun
+from qrobot.pendant.runner import NICE
 from qrobot.realtime.own_process import own_command
 
 UNASKED_S: Final = 5.0  # then no page looks any longer, and the process ends
@@ -41,6 +43,9 @@ class BoardAccess:
         self._seen: dict[str, Any] = {}
         self._kinds: list[Any] = []
         self._problem = "looking at the board"
+        self._commands = ThreadPoolExecutor(1, thread_name_prefix="pendant-board-command")  # one after the other
+        self._command: CommandRun | None = None
+        self._closed = False
 
     def look(self, kinds: bool) -> dict[str, Any]:
         """Newest look at the board; the first look begins to look, and finds nothing yet.
@@ -70,7 +75,11 @@ class BoardAccess:
         self._run(["inject", "--clear"], "everything is repaired")
 
     def close(self) -> None:
-        """Look no longer."""
+        """Look no longer, and end the command that runs; nothing may be asked for afterwards."""
+        self._closed = True
+        self._commands.shutdown(wait=False, cancel_futures=True)
+        if (command := self._command) is not None and command.state == "running":
+            command.end()
         if (process := self._process) is not None:
             process.terminate()
 
@@ -79,19 +88,17 @@ class BoardAccess:
             raise MotionError(f"the board of {self._name} is a real one: nothing is forced or broken in it from here")
 
     def _run(self, command: Sequence[str], done: str) -> None:
-        """Run a command, and tell how it ended."""
+        """Run a command when those before it have ended, and tell how it ended; returns at once."""
+        self._commands.submit(self._run_now, command, done)
 
-        def run() -> None:
-            made = CommandRun([[*command, *self._place]], lambda: None)
-            made.wait()
-            lines = made.output.since(0).lines
-            self._tell(
-                done
-                if made.state == "done"
-                else f"not done: {lines[-1].removeprefix('qrobot: ') if lines else made.told}"
-            )
-
-        threading.Thread(target=run, name="pendant-board-command", daemon=True).start()
+    def _run_now(self, command: Sequence[str], done: str) -> None:
+        self._command = made = CommandRun([[*command, *self._place]], lambda: None, NICE)
+        if self._closed:
+            made.end()
+        made.wait()
+        lines = made.output.since(0).lines
+        complaint = lines[-1].removeprefix("qrobot: ") if lines else made.told
+        self._tell(done if made.state == "done" else f"not done: {complaint}")
 
     # ------------------------------------------------------------------------------------------ the process that looks
 

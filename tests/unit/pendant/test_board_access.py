@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import threading
 from collections.abc import Sequence
 from typing import Any
 
@@ -15,7 +16,7 @@ from qrobot.errors import MotionError
 from qrobot.pendant import board_access
 from qrobot.pendant.board_access import AGAIN_S, UNASKED_S, BoardAccess
 from qrobot.pendant.output_tail import OutputTail
-from tests.support.patience import wait_until
+from tests.support.patience import MOMENT_S, PATIENCE_S, wait_until
 
 ARM = load_deployment("emulator").arm[0]
 
@@ -83,7 +84,7 @@ def test_an_emulated_board_is_worked_by_commands_and_a_real_one_is_refused(monke
     ran: list[Sequence[str]] = []
 
     class FakeRun:
-        def __init__(self, commands: Sequence[Sequence[str]], _changed: Any) -> None:
+        def __init__(self, commands: Sequence[Sequence[str]], _changed: Any, _niceness: int) -> None:
             ran.extend(commands)
             self.output, self.told = OutputTail(), "failed"
             self.state = "failed" if "encoder:9 stuck" in commands[0] else "done"
@@ -109,3 +110,54 @@ def test_an_emulated_board_is_worked_by_commands_and_a_real_one_is_refused(monke
         with pytest.raises(MotionError, match="a real one"):
             act()
     assert len(ran) == 3
+
+
+class Works:
+    """A command that works as soon as it is waited for; the first one only when another has overtaken it, or late."""
+
+    late_s: float
+    worked: list[str]
+    ended: set[str]
+    overtaken: threading.Event
+
+    def __init__(self, commands: Sequence[Sequence[str]], _changed: Any, _niceness: int) -> None:
+        self.line, self.output, self.state, self.told = commands[0][2], OutputTail(), "running", "it was ended"
+
+    def wait(self) -> None:
+        if self.line == "push:1 40":
+            self.overtaken.wait(self.late_s)
+        self.worked.append(self.line)
+        self.overtaken.set()
+        self.state = "done"
+
+    def end(self) -> None:
+        self.ended.add(self.line)
+        self.overtaken.set()
+
+
+@pytest.fixture
+def works(monkeypatch: pytest.MonkeyPatch) -> type[Works]:
+    Works.late_s, Works.worked, Works.ended, Works.overtaken = MOMENT_S, [], set(), threading.Event()
+    monkeypatch.setattr(board_access, "CommandRun", Works)
+    return Works
+
+
+def test_the_panel_is_worked_in_the_order_of_its_buttons(works: type[Works]) -> None:
+    access, lines = Access(), ["push:1 40", "push:1 0", "input:3 on", "input:3 off"]
+    for line in lines:
+        access.force(line)
+    wait_until(lambda: len(access.told) == len(lines), "all are told")
+    assert works.worked == access.told == lines
+
+
+def test_a_panel_that_is_closed_ends_what_runs_and_begins_nothing(works: type[Works]) -> None:
+    works.late_s = PATIENCE_S
+    access = Access()
+    access.force("push:1 40")
+    access.force("push:1 0")
+    wait_until(lambda: access._command, "the first one runs")
+    access.close()
+    wait_until(lambda: access.told, "it has ended")
+    assert works.ended == {"push:1 40"}
+    access._commands.shutdown()
+    assert works.worked == ["push:1 40"]
