@@ -255,6 +255,13 @@ def show(model: Path, deployment: str = DEFAULT_DEPLOYMENT, *, arm: str | None =
 def _made(
     robot: Robot, options: PlanOptions, fences: FenceSet | None
 ) -> tuple[ExcitationPlan | Excitation, BaseParameters]:
+    from qrobot.ident.link_lines import stands_upright
+
+    if not stands_upright(robot):
+        note(
+            f"{robot.name} does not stand upright, by gravity in its file: its moves keep off the floor, but of what "
+            "carries the arm nothing is known. Tell it by fences"
+        )
     return (_excited if options.dynamic else _planned)(robot, options, fences)
 
 

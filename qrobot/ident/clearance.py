@@ -1,7 +1,8 @@
 """Whether an arm, led through joint space, stays clear of the floor, of its column and of itself.
 
-As far as its file tells: bodies are lines (`link_lines`) with a thickness that is assumed. The hand, with room for a
-tool, keeps farther away than the others. Of what stands around the arm it knows the fences; the rest is for whoever
+As far as its file tells: bodies are lines (`link_lines`) with a thickness that is assumed, and the floor is below, as
+gravity has it. The hand, with room for a tool, keeps farther away than the others. An arm that does not stand upright
+has no column: what carries it is not known. Of what stands around the arm it knows the fences; the rest is for whoever
 starts the plan to keep away.
 """
 
@@ -15,10 +16,10 @@ import numpy as np
 from qrobot.arrays import Bools, Floats
 from qrobot.config import Robot
 from qrobot.fences.fence_set import FenceSet
-from qrobot.ident.link_lines import HAND_M, LinkLines
+from qrobot.ident.link_lines import HAND_M, LinkLines, stands_upright, up_of
 
 FLOOR: Final = 0.25  # m that wrist and flange stay above the floor
-COLUMN: Final = 0.30  # m from the first axis that they keep below the shoulder
+COLUMN: Final = 0.30  # m from the column that they keep below the shoulder
 APART: Final = 0.16  # m between the lines of two bodies: either is as thick as a forearm [A]
 NEIGHBOURS: Final = 0.2  # m along the arm: bodies nearer to each other always are
 SPARE: Final = 0.005  # m that a plan keeps from fences beyond their margins, for what is looked at elsewhere [A]
@@ -31,6 +32,7 @@ class Clearance:
     def __init__(self, robot: Robot, fences: FenceSet | None = None) -> None:
         self._fences = None if fences is None else fences.wider(SPARE)
         self._geometry, self._link_lines = robot.geometry, LinkLines(robot)
+        self._up, self._stands = up_of(robot), stands_upright(robot)
         lengths = self._link_lines.lengths
         long = np.flatnonzero(lengths).tolist()
         self._pairs = [(j, k) for j, k in combinations(long, 2) if lengths[j + 1 : k].sum() > NEIGHBOURS]
@@ -66,17 +68,19 @@ class Clearance:
         return bool((fences.slack(begin) >= 0.0).all()) and fences.clear_share(begin, end) == 1.0
 
     def _hand(self, hand: Floats) -> Bools:
-        """Wrist and flange are above the floor, and outside the column where they are below the shoulder."""
+        """Wrist and flange are above the floor, and outside the column, if any, where they are below the shoulder."""
         wrist, end = hand[:, 0], hand[:, -1]
         flange = wrist + self._geometry.flange_m / (self._geometry.flange_m + HAND_M) * (end - wrist)
         points = np.stack([wrist, flange], axis=1)
-        above_floor = points[..., 2] + self._geometry.base_height_m >= FLOOR
-        outside = (points[..., 2] >= 0.0) | (np.hypot(points[..., 0], points[..., 1]) >= COLUMN)
+        height = points @ self._up
+        aside = np.linalg.norm(points - height[..., None] * self._up, axis=-1)
+        above_floor = height + self._geometry.base_height_m >= FLOOR
+        outside = (height >= 0.0) | (aside >= COLUMN) | (not self._stands)
         return np.asarray((above_floor & outside).all(axis=1))
 
     def _above_floor(self, bodies: list[Floats]) -> Bools:
         """Whether all these bodies, which do not stand on the floor, are at least as far above it as they are thick."""
-        lowest = np.concatenate([body[..., 2] for body in bodies], axis=1).min(axis=1)
+        lowest = np.concatenate([body @ self._up for body in bodies], axis=1).min(axis=1)
         return np.asarray(lowest + self._geometry.base_height_m >= 0.5 * APART)
 
 

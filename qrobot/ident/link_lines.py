@@ -1,7 +1,8 @@
 """The bodies of an arm as lines: from one joint to the next, as its Denavit-Hartenberg rows lead.
 
 A robot file knows no surfaces, but where its bodies are: along x of the frame before a joint and then along z of the
-joint's own. The base is a line from the floor, the hand one from the last frame through the flange.
+joint's own. The base of an arm that stands is a line from the floor, which is where gravity leads; of one that hangs,
+or is mounted on a wall, nothing is known of what carries it. The hand is a line from the last frame through the flange.
 """
 
 from __future__ import annotations
@@ -16,6 +17,22 @@ from qrobot.config import Robot
 
 HAND_M: Final = 0.1  # beyond the flange: room for a tool
 SPACING_M: Final = 0.08  # of points along a line, at most
+STANDS: Final = 0.9  # cosine between the first axis and up: an arm that leans more does not stand on the floor [A]
+_WEIGHTLESS: Final = 0.1  # m/s2 of gravity that tells no direction: the arm stands as its base frame does [A]
+
+
+def up_of(robot: Robot) -> Floats:
+    """Direction against gravity in the base frame, of length 1. Shape (3,)."""
+    gravity = robot.geometry.gravity_m_s2
+    strength = float(np.linalg.norm(gravity))
+    return np.array([0.0, 0.0, 1.0]) if strength < _WEIGHTLESS else np.asarray(-gravity / strength)
+
+
+def stands_upright(robot: Robot) -> bool:
+    """Whether the first axis points up, or nearly: the arm stands on what is below it."""
+    alpha = float(robot.geometry.alpha_rad[0])
+    axis = np.array([0.0, -np.sin(alpha), np.cos(alpha)])
+    return bool(axis @ up_of(robot) >= STANDS)
 
 
 class LinkLines:
@@ -31,7 +48,8 @@ class LinkLines:
         low, high = (geometry.d_m + slide for slide in slides)
         longest = np.maximum(np.abs(low), np.abs(high))
         shortest = np.maximum(np.maximum(low, -high), 0.0)  # none where the range has it slide through its joint
-        base, hand = geometry.base_height_m, geometry.flange_m + HAND_M
+        base, hand = geometry.base_height_m if stands_upright(robot) else 0.0, geometry.flange_m + HAND_M
+        self._foot = -base * up_of(robot)
         self.lengths = np.concatenate([[base], np.abs(geometry.a_m) + shortest, [hand]])
         pieces = np.column_stack([np.abs(geometry.a_m), longest]).ravel()
         self._shares = [_shares(length) for length in (base, *pieces.tolist(), hand)]
@@ -50,7 +68,7 @@ class LinkLines:
         """Begin, bend and end of the lines. Shapes (m, 3)."""
         robot, geometry, at = self._robot, self._robot.geometry, np.zeros((len(q), 3))
         x, y, z = (np.broadcast_to(axis, at.shape) for axis in np.eye(3))
-        corners = [at - geometry.base_height_m * z, at]
+        corners = [at + self._foot, at]
         for i, alpha in enumerate(geometry.alpha_rad.tolist()):
             slide, turn = (q[:, [i]], 0.0) if robot.prismatic[i] else (0.0, q[:, [i]])
             corner = at + geometry.a_m[i] * x

@@ -7,13 +7,14 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from qrobot.config import load_robot
+from qrobot.config import Robot, load_robot
 from qrobot.ident.clearance import Clearance
 from qrobot.ident.link_lines import HAND_M, SPACING_M, LinkLines
 from qrobot.model.arm import Arm
-from qrobot.model.transform import transform
+from qrobot.model.transform import rot_x, transform
 
 PUMA = load_robot("puma560")
+DRAWN = np.random.default_rng(7).uniform(PUMA.limits.q_min, PUMA.limits.q_max, (1000, PUMA.n))
 FOLDED = (0, -90, 240, 0, 0, 0)  # the forearm beside the upper arm, as far as the elbow goes
 
 
@@ -92,3 +93,46 @@ def test_a_path_is_refused_for_what_is_between_its_poses() -> None:
     assert Clearance(PUMA).of_path(np.array([away, away]))
     assert Clearance(PUMA).of_path(np.array([into, into]))
     assert not Clearance(PUMA).of_path(np.array([away, into]))
+
+
+def placed(gravity: np.ndarray, height_m: float, turn: float = 0.0) -> Robot:
+    """A PUMA that feels such gravity, frame 0 at a height over the floor and turned about its x."""
+    alpha = PUMA.geometry.alpha_rad.copy()
+    alpha[0] += turn
+    place = {"gravity_m_s2": np.asarray(gravity), "base_height_m": height_m, "alpha_rad": alpha}
+    return PUMA.model_copy(update={"geometry": PUMA.geometry.model_copy(update=place)})
+
+
+def heights_of_flange(robot: Robot) -> np.ndarray:
+    """Of the poses drawn, over the floor."""
+    up = -robot.geometry.gravity_m_s2 / np.linalg.norm(robot.geometry.gravity_m_s2)
+    return np.array([Arm(robot).flange(q)[:3, 3] @ up for q in DRAWN]) + robot.geometry.base_height_m
+
+
+@pytest.mark.parametrize("turn", [0.4, -1.3, 2.5])
+def test_how_its_base_frame_lies_makes_no_difference_to_an_arm(turn: float) -> None:
+    g = PUMA.geometry
+    turned = placed(rot_x(turn) @ g.gravity_m_s2, g.base_height_m, turn)
+    clear = Clearance(PUMA).of_poses(DRAWN)
+    np.testing.assert_array_equal(Clearance(turned).of_poses(DRAWN), clear)
+    assert 0.1 < clear.mean() < 0.9
+
+
+@pytest.mark.parametrize("gravity", [(9.81, 0.0, 0.0), (0.0, -9.81, 0.0), (0.0, 0.0, 9.81), (0.0, 6.0, 7.0)])
+@pytest.mark.parametrize("height_m", [0.4, 0.7])
+def test_an_arm_on_a_wall_on_a_slant_or_that_hangs_keeps_off_the_floor_below_it(
+    gravity: tuple[float, float, float], height_m: float
+) -> None:
+    robot = placed(np.array(gravity), height_m)
+    clear, heights = Clearance(robot).of_poses(DRAWN), heights_of_flange(robot)
+    assert heights.min() < 0.2
+    assert clear.any()
+    assert heights[clear].min() >= 0.25
+
+
+@pytest.mark.parametrize("gravity", [(9.81, 0.0, 0.0), (0.0, 0.0, 9.81)])
+def test_an_arm_high_on_a_wall_or_below_a_ceiling_keeps_off_itself_alone(gravity: tuple[float, float, float]) -> None:
+    floating = Clearance(placed(np.zeros(3), 5.0)).of_poses(DRAWN)
+    high = Clearance(placed(np.array(gravity), 5.0)).of_poses(DRAWN)
+    assert high[floating].all()  # of a floating arm a column is known besides, below its base frame
+    assert (high & ~floating).any()
