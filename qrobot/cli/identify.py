@@ -150,8 +150,9 @@ def fit(
 ) -> None:
     """Find gravity, friction, torque scales and inertia in the logs of one arm, and write its model.
 
-    Steady passes are looked for in the logs; it does not matter who moved the arm. What the logs do not tell is an
-    error that names it, and so are a bad recording and a model that predicts worse than the robot file.
+    Steady passes are looked for in the logs; it does not matter what program moved the arm. Where a hand led it, or a
+    joint was driven by torque, nothing is taken. What the logs do not tell is an error that names it, and so are a bad
+    recording and a model that predicts worse than the robot file.
 
     Parameters
     ----------

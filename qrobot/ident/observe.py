@@ -5,7 +5,7 @@ that the robot file knows roughly. What of it may be wrong is the same inertia i
 observation has the torque of each parameter's likely error, and the fit seeks them beside the rest. A motor is left out
 where it turns so slowly that its friction is another. The equations are linear in what is sought, so a mean over a
 whole pass obeys them as every sample does, without its quantisation; one over a smooth window (`window`), which takes
-nothing from what still decays at the ends. Passes are found in the log itself; whoever moved the arm need not say.
+nothing from what still decays at the ends. Passes are found in the log itself, whatever program moved the arm.
 """
 
 from __future__ import annotations
@@ -106,7 +106,8 @@ class Observations:
 def steady_passes(rows: Rows, period_s: float) -> list[Pass]:
     """Passes of a log, shape (rows,), in which the arm tracks setpoints that do not accelerate it.
 
-    A pass ends where a torque is at its limit, where a frame was missed, where rows are lost, and where images are.
+    A pass ends where a torque is at its limit, where a frame was missed, where rows are lost, where images are, and
+    where a joint is led by hand.
     """
     moves = (rows["v_ref"] != 0.0).any(axis=1)
     calm = (np.abs(rows["a_ref"]) < CRUISE).all(axis=1)

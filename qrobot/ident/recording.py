@@ -19,7 +19,7 @@ from qrobot.ident.counters import counter_faults
 from qrobot.ident.dropouts import long_dropout
 from qrobot.modecodes import Mode
 from qrobot.servo.memory.published_state import FLAG_NO_TORQUES
-from qrobot.servo.memory.telemetry import VECTORS, Rows
+from qrobot.servo.memory.telemetry import VECTORS, Rows, sampled
 
 SATURATED_SHARE: Final = 0.02  # of the time under way
 DAC_MARGIN: Final = 2  # counts within which a DAC word is at its end
@@ -27,6 +27,7 @@ LOST_SHARE: Final = 0.02  # of the cycles under way that may be missing [A]
 MOST_GAPS: Final = 10  # places at which they are missing, however few: a pass ends at each of them [A]
 NEW_LOG_S: Final = 5.0  # a longer gap is between two logs, or a pause of the recorder
 SAME_PERIOD: Final = 0.01  # share by which rows may be farther apart than the log's header says
+_STANDS: Final = 1e-6  # rad/s (m/s): slower is rounding
 _CLIPPED_BIT: Final = 8  # of the flags: from here on the number of joints at their torque limit,
 _MOST_JOINTS: Final = 0xFF  # in eight bits, and above them the frames missed
 _AT_LIMIT: Final = 1.0 - 1e-9  # of the limit to which a torque was clipped
@@ -59,9 +60,23 @@ def limited(robot: Robot, rows: Rows) -> Bools:
 
 
 def sound(rows: Rows, period_s: float) -> Bools:
-    """True where a row can be measured by: no torque at its limit, no frame missed, no images lost. Shape (r,)."""
+    """True where a row can be measured by: no torque at its limit, no frame missed, no images lost, and no joint that
+    something else moves. Shape (r,).
+    """
     whole = ~_word_at_end(rows).any(axis=1) & (rows["flags"] >> _CLIPPED_BIT == 0)
-    return np.asarray(whole & ~long_dropout(rows, period_s))
+    return np.asarray(whole & ~long_dropout(rows, period_s) & ~led(rows).any(axis=1))
+
+
+def led(rows: Rows) -> Bools:
+    """True where a joint is driven by torque and moves: a hand leads it, or what a tool touches. Shape (r, n).
+
+    Its torque is what the servo makes of the robot file, and nobody knows the hand's share. Its reference is where the
+    joint is, or stands at the end of its range, and has its speed without ever accelerating.
+    """
+    stood = np.diff(rows["q_ref"], axis=0, prepend=np.nan) == 0.0
+    follows = (rows["q_ref"] == rows["q"]) & sampled(rows)[:, None]
+    moves = (np.abs(rows["v"]) > _STANDS) & (np.abs(rows["v_ref"]) > _STANDS)
+    return np.asarray(moves & (rows["a_ref"] == 0.0) & (follows | stood))
 
 
 def _word_at_end(rows: Rows) -> Bools:

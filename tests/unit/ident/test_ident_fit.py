@@ -166,6 +166,15 @@ def test_a_saturated_torque_a_missed_frame_and_lost_rows_end_a_pass(field: str) 
     assert len(lengths(rows)) == 2
 
 
+def test_what_a_hand_leads_is_no_pass_at_the_wall_before_the_end_of_the_range_either() -> None:
+    rows = tracked(2000)
+    rows["q_ref"] = rows["q"]
+    rows["v"][:, 1], rows["v_ref"][:, 1] = 0.1, 0.09
+    assert lengths(rows) == []
+    rows["q_ref"][:, 1] = rows["q"][-1, 1]
+    assert lengths(rows) == []
+
+
 def test_an_observation_is_the_mean_torque_of_a_motor_that_turns() -> None:
     regressor, base = puma_base()
     rows = tracked(1000)
