@@ -121,7 +121,7 @@ def make_plan(
         IdentificationError: too few poses are clear, or fewer are asked for than tell everything.
     """
     clearance = Clearance(robot, fences)
-    half = 0.5 * SWING_SPEED * robot.limits.v_max * _seconds(robot, SWING_SPEED)
+    half = np.minimum(0.5 * SWING_SPEED * robot.limits.v_max * _seconds(robot, SWING_SPEED), _widest(robot))
     candidates = _candidates(robot, regressor, clearance, half, seed)
     sought = len(base.leading)
     if poses * robot.n < sought or len(candidates) < poses:
@@ -193,6 +193,11 @@ def _range(robot: Robot, half: Floats) -> tuple[Floats, Floats]:
     return robot.limits.q_min + margin, robot.limits.q_max - margin
 
 
+def _widest(robot: Robot) -> Floats:
+    """Half of the widest swing, which leaves its centre a tenth of the range. Shape (n,)."""
+    return (0.5 - 2.0 * RANGE_MARGIN) * (robot.limits.q_max - robot.limits.q_min)
+
+
 def _turn(robot: Robot, share: float) -> float:
     """Half the length of a transition that turns every joint round at a share of its greatest speed."""
     slowest = float((_PEAK * share * robot.limits.v_max / robot.limits.a_max).max())
@@ -216,9 +221,9 @@ def _sweeps(robot: Robot, clearance: Clearance, centres: list[Floats], speeds: t
     ready = robot.poses[READY]
     for joint, name in enumerate(robot.joint_names):
         for share in speeds:
-            half, span = np.zeros(robot.n), robot.limits.q_max[joint] - robot.limits.q_min[joint]
+            half = np.zeros(robot.n)
             wanted = 0.5 * share * robot.limits.v_max[joint] * _seconds(robot, share)
-            half[joint] = min(wanted, (0.5 - 2.0 * RANGE_MARGIN) * span)
+            half[joint] = min(wanted, _widest(robot)[joint])
             inside = (np.clip(centre, *_range(robot, half)) for centre in centres)
             clear = (centre for centre in inside if clearance.of_path(np.stack([ready, centre - half, centre + half])))
             if (centre := next(clear, None)) is None:

@@ -45,6 +45,27 @@ def test_a_plan_stays_within_range_speed_and_acceleration(name: str) -> None:
         assert swing.seconds - 2.0 * swing.turn_s == pytest.approx(PASS_S)
 
 
+def with_range(name: str, joint: int, share: float) -> Robot:
+    """A robot with a share of the range of one joint, about its pose `ready`."""
+    robot = load_robot(name)
+    ready, limits = robot.poses["ready"][joint], robot.limits
+    ends = {end: getattr(limits, end).copy() for end in ("q_min", "q_max")}
+    for q in ends.values():
+        q[joint] = ready + share * (q[joint] - ready)
+    return robot.model_copy(update={"limits": limits.model_copy(update=ends)})
+
+
+@pytest.mark.parametrize("share", [0.01, 0.05, 0.3])
+@pytest.mark.parametrize(("name", "joint"), [("puma560", 0), ("puma560", 2), ("puma560", 5), ("stanford", 2)])
+def test_a_joint_that_is_fast_for_its_range_swings_within_it(name: str, joint: int, share: float) -> None:
+    robot = with_range(name, joint, share)
+    regressor = gravity_regressor(robot)
+    swings = make_plan(robot, regressor, base_of_robot(robot, regressor), poses=12).swings
+    assert len(swings) == 12 + 3 * robot.n
+    for swing in swings:
+        assert ((robot.limits.q_min < swing.low) & (swing.high < robot.limits.q_max)).all()
+
+
 def test_an_arm_that_no_swing_is_clear_for_is_told_so(tmp_path: Path) -> None:
     text = robot_path("puma560").read_text().replace("base_height_m = 0.6604", "base_height_m = 0.0")
     path = tmp_path / "puma560.toml"
