@@ -37,13 +37,14 @@ class Transport(NamedTuple):
 def open_transport(board: BoardChoice, report: Report = lambda _line: None, patience_ms: float = math.inf) -> Transport:
     """The transport to `board`, with whatever stands beside it.
 
-    `report` takes a line when a module or a sensor beside the board is found or lost. Separate drives are not left
-    alone with their last torque for longer than `patience_ms`, the servo's with its board.
+    `report` takes a line when a module or a sensor beside the board is found or lost, and when a separate drive is the
+    reason that arm power goes or does not come. Separate drives are not left alone with their last torque for longer
+    than `patience_ms`, the servo's with its board.
 
     Raises:
         ConfigError: this board is not reached by a gateway, or what the transport is made of is not installed.
     """
-    bus = _bus_of(board, patience_ms)
+    bus = _bus_of(board, report, patience_ms)
     modules = _modules(board, report)
     beside: list[RemoteModule | SensorBus] = [*modules]
     if board.can_sensor is not None:
@@ -78,7 +79,7 @@ def modules_beside(board: BoardChoice, memory: BoardMemory, report: Report) -> A
     return panel_modules(memory, modules)
 
 
-def _bus_of(board: BoardChoice, patience_ms: float) -> Bus:
+def _bus_of(board: BoardChoice, report: Report, patience_ms: float) -> Bus:
     if board.kind == "port":
         raise ConfigError("the servo reaches a card on this machine's bus by itself: no board process is needed")
     if board.can is not None:
@@ -93,7 +94,7 @@ def _bus_of(board: BoardChoice, patience_ms: float) -> Bus:
     if board.drives is not None:
         from qrobot.hwif.canbus.drives import drives_bus
 
-        return drives_bus(board.drives, patience_ms)
+        return drives_bus(board.drives, patience_ms, report)
     raise ConfigError(f"a board of kind {board.kind!r} is behind no transport")
 
 

@@ -47,6 +47,7 @@ class Drives:
 
     Attributes:
         far: the drives. transport, bus: to them. silent: node numbers of which nothing is heard. image: the last one.
+        lines: what the bus has reported.
     """
 
     def __init__(self, end: Endpoint, absolute: bool, torque: Sequence[float], loops: Sequence[PositionLoop]) -> None:
@@ -63,7 +64,8 @@ class Drives:
             counts_at_zero=(0,) * 6,
             absolute=absolute,
         )
-        self.bus = DrivesBus(self.transport, lambda: getattr(end, "now_ns", 1))
+        self.lines: list[str] = []
+        self.bus = DrivesBus(self.transport, lambda: getattr(end, "now_ns", 1), report=self.lines.append)
         self.bus.link.timeout_s = PATIENCE_S
         self.silent: set[int] = set()
         self._cut = False

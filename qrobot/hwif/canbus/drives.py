@@ -7,7 +7,7 @@ word and setpoint (RPDO 1), from them come status word and actual position (TPDO
   they mean nothing, and the servo's references are the target (setpoints.py);
 * ENC_COUNT: the actual position in counts, plus what ENC_LOAD has put there;
 * DISCRETE bit 0 and STATUS bit 15: arm power is on while every drive is in OPERATION ENABLED. A drive that leaves it
-  takes the others along, and power has to be asked for anew;
+  takes the others along, and power has to be asked for anew (drive_power.py);
 * STATUS bit 0: no drive has stopped by itself (QUICK STOP ACTIVE);
 * the scratch bits, kept here. With absolute encoders the arm is calibrated from the start; with others it is not any
   more once a drive was lost, for nobody knows whether that has kept its position.
@@ -35,6 +35,7 @@ from qrobot.arrays import Words
 from qrobot.config.drives import DrivesTransport
 from qrobot.errors import LinkError, ProtocolError, RemoteProtocolError
 from qrobot.hwif.bus import SCRATCH_BITS, BoardFacts, Operations
+from qrobot.hwif.canbus.drive_power import DrivesPower
 from qrobot.hwif.canbus.ds402 import (
     CYCLIC_POSITION,
     DEVICE_TYPE,
@@ -44,7 +45,6 @@ from qrobot.hwif.canbus.ds402 import (
     PROFILE,
     QUICK_STOP,
     DriveState,
-    towards_operation,
 )
 from qrobot.hwif.canbus.frames import RPDO, SYNC, TPDO
 from qrobot.hwif.canbus.interface import load_can
@@ -63,6 +63,7 @@ from qrobot.hwif.registers import (
     STATUS_POWER,
 )
 from qrobot.realtime.deadline import Deadline
+from qrobot.report import Report
 
 FROM_DRIVE: Final = struct.Struct("<Hi")  # status word, actual position
 MS_PER_S: Final = 1000
@@ -76,13 +77,18 @@ class DrivesBus:
         clock: time of an image, ns, once it has come; by default the middle between asking and answer.
         patience_ms: the answer to a SYNC is waited for no longer, whatever the transport says: all drives keep their
             last torque as long.
+        report: takes a line when one drive is the reason that all are switched off, or that power does not come on.
 
     Attributes:
         link: its `timeout_s` may be changed.
     """
 
     def __init__(
-        self, transport: DrivesTransport, clock: Callable[[], int] | None = None, patience_ms: float = math.inf
+        self,
+        transport: DrivesTransport,
+        clock: Callable[[], int] | None = None,
+        patience_ms: float = math.inf,
+        report: Report = lambda _line: None,
     ) -> None:
         self.name = f"CAN {transport.interface}:{transport.channel}, {len(transport.nodes)} drives"
         self._transport, self._now_ns, self._virtual_time = transport, clock or time.monotonic_ns, clock is not None
@@ -90,10 +96,10 @@ class DrivesBus:
         self.link = CanLink(transport.interface, transport.channel, transport.bitrate, transport.nodes, timeout_s)
         self._setpoints = setpoints_of(transport)
         self._drives = [DriveFeedback(counts) for counts in transport.counts_at_zero]
+        by_node = dict(zip(transport.nodes, self._drives, strict=True))
+        self._power = DrivesPower(by_node, transport.period_ms, self.link.emergency_of, report)
         self._discrete = DISCRETE_CALIBRATED if transport.absolute else 0
         self._known: set[int] = set()  # nodes that have said that they are drives
-        self._tripped = False
-        self._was_on = False
         self._count = 0
 
     def connect(self) -> BoardFacts:
@@ -158,7 +164,7 @@ class DrivesBus:
         `nodes` are known to be drives: a module would switch its outputs by it. In position mode, those that have not
         told yet where they are get no target.
         """
-        self._tripped, told = True, False
+        self._power.tripped, told = True, False
         for channel, (node, drive) in enumerate(zip(self._transport.nodes, self._drives, strict=True)):
             if node not in nodes or (self._setpoints.mode == CYCLIC_POSITION and not drive.status):
                 continue
@@ -172,7 +178,7 @@ class DrivesBus:
     def _write(self, offset: int, value: int) -> None:
         if offset == DISCRETE:
             if not value & DISCRETE_POWER:
-                self._tripped = False  # and may be asked for anew
+                self._power.forget()
                 self._setpoints.forget()
             self._discrete = value
         elif ENC_LOAD <= offset < ENC_LOAD + 2 * len(self._drives) and self._may_load:
@@ -186,18 +192,22 @@ class DrivesBus:
         return self._setpoints.mode != CYCLIC_POSITION or not in_operation
 
     def _transmit(self) -> None:
-        wanted = bool(self._discrete & DISCRETE_POWER) and not self._tripped
-        driven = wanted and self._powered
+        wanted = self._wants_power
+        driven = wanted and self._power.on
         self._setpoints.begin(driven)
         for channel, (node, drive) in enumerate(zip(self._transport.nodes, self._drives, strict=True)):
             setpoint = self._setpoints.value(channel, drive, driven)
-            self.link.send(RPDO[0] + node, self._setpoints.frame.pack(self._control(drive, wanted), setpoint))
+            self.link.send(RPDO[0] + node, self._setpoints.frame.pack(self._control(node, wanted), setpoint))
         self.link.send(SYNC, b"")
 
-    def _control(self, drive: DriveFeedback, wanted: bool) -> int:
+    @property
+    def _wants_power(self) -> bool:
+        return bool(self._discrete & DISCRETE_POWER) and not self._power.tripped
+
+    def _control(self, node: int, wanted: bool) -> int:
         if self._setpoints.silent:
             return QUICK_STOP  # goes on until power is taken away: the drives need their time
-        return towards_operation(drive.status) if wanted else DISABLE_VOLTAGE
+        return self._power.lead(node) if wanted else DISABLE_VOLTAGE
 
     def _collect(self) -> None:
         waiting = {TPDO[0] + node: channel for channel, node in enumerate(self._transport.nodes)}
@@ -213,15 +223,11 @@ class DrivesBus:
                 )
             self._drives[channel].hear(*FROM_DRIVE.unpack_from(bytes(message.data)))
 
-    @property
-    def _powered(self) -> bool:
-        return all(drive.state is DriveState.ENABLED for drive in self._drives)
-
     def _judge_power(self) -> None:
-        """One drive that stops by itself stops them all."""
-        if self._was_on and not self._powered and self._discrete & DISCRETE_POWER:
-            self._tripped = True
-        self._was_on = self._powered
+        if self._wants_power and self._setpoints.silent:
+            self._power.trip("no reference has come any more")
+        elif self._wants_power:
+            self._power.judge()
 
     def _choose_mode(self, node: int) -> None:
         mode = self._setpoints.mode
@@ -231,7 +237,7 @@ class DrivesBus:
 
     def _switch_off(self) -> None:
         self._discrete &= SCRATCH_BITS if self._transport.absolute else SCRATCH_BITS & ~DISCRETE_CALIBRATED
-        self._was_on = self._tripped = False
+        self._power.forget()
         self._setpoints = setpoints_of(self._transport)
         for drive in self._drives:
             drive.status = 0
@@ -249,7 +255,7 @@ class DrivesBus:
             STATUS_INDEX
             | STATUS_ADC_BUSY
             | self._discrete & SCRATCH_BITS
-            | STATUS_POWER * (self._powered and not self._tripped)
+            | STATUS_POWER * (self._power.on and not self._power.tripped)
             | STATUS_ESTOP_OK * (not stopped)
         )
         for channel, drive in enumerate(self._drives):
@@ -257,7 +263,7 @@ class DrivesBus:
             image[IMAGE_ENC_COUNT + channel] = word & 0xFFFF
 
 
-def drives_bus(transport: DrivesTransport, patience_ms: float) -> DrivesBus:
+def drives_bus(transport: DrivesTransport, patience_ms: float, report: Report) -> DrivesBus:
     """The bus that a deployment file describes. Raises ConfigError when python-can is not installed."""
     load_can()
-    return DrivesBus(transport, patience_ms=patience_ms)
+    return DrivesBus(transport, patience_ms=patience_ms, report=report)

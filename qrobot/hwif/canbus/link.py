@@ -105,6 +105,10 @@ class CanLink:
         told = ", ".join(f"{code:#06x} of node {node}" for node, code in sorted(self._emergencies.items()))
         return f"; emergency messages: {told}" if told else ""
 
+    def emergency_of(self, node: int) -> int | None:
+        """Code of the last emergency message of a node; None when there was none, or it has told that all is well."""
+        return self._emergencies.get(node)
+
     def start(self, node: int) -> None:
         """Let a node operate."""
         self.send(NMT, bytes((START, node)))
