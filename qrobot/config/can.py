@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 from pydantic import Field
 
 from qrobot.config.document import Table
 from qrobot.config.values import ExchangePeriod
+
+MULTICAST: Final = "udp_multicast"
+MULTICAST_PORT: Final = 43113  # of python-can, where a channel names none
 
 
 class CanTransport(Table):
@@ -13,7 +18,8 @@ class CanTransport(Table):
 
     `interface` and `channel` are names of python-can: `socketcan` and `can0`, or `udp_multicast` and a group such as
     `239.74.163.2`, which QRobot keeps on this machine. An exchange of a servo that moves is about ten frames: 1.2 ms at
-    1 Mbit/s. One that has no answer after `timeout_ms` has failed.
+    1 Mbit/s. One that has no answer after `timeout_ms` has failed. No two arms can be on one bus, for a SYNC reaches
+    every node of it.
     """
 
     interface: str = "socketcan"
@@ -25,10 +31,13 @@ class CanTransport(Table):
 
     @property
     def places(self) -> frozenset[str]:
-        """The node of the board."""
-        return frozenset([can_node(self.interface, self.channel, self.node_id)])
+        """The bus of the board's node."""
+        return frozenset([can_bus(self.interface, self.channel)])
 
 
-def can_node(interface: str, channel: str, node: int) -> str:
-    """Words for a node on a bus."""
-    return f"node {node} on {channel} ({interface})"
+def can_bus(interface: str, channel: str) -> str:
+    """Words for a bus, which one arm alone can have: what it sends as SYNC makes all nodes act, and feeds watchdogs."""
+    if interface == MULTICAST:
+        group, _, port = channel.partition("/")
+        channel = f"{group}/{port or MULTICAST_PORT}"
+    return f"CAN bus {channel} ({interface}), where a SYNC reaches every node"

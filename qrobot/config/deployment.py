@@ -368,7 +368,7 @@ class Deployment(Table):
             raise ValueError("two arms have the same bridge.port")
         for one, other in combinations(self.arm, 2):
             if shared := one.board.places & other.board.places:
-                raise ValueError(f"{one.name} and {other.name} have one board: {min(shared)}")
+                raise ValueError(f"{one.name} and {other.name} have one board or bus: {min(shared)}")
         return self
 
     @model_validator(mode="after")

@@ -8,7 +8,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from qrobot.arrays import Floats
-from qrobot.config.can import can_node
+from qrobot.config.can import can_bus
 from qrobot.config.document import Table
 from qrobot.config.robot import Robot, counter_ends
 
@@ -34,7 +34,8 @@ class DrivesTransport(Table):
     `servo.board_timeout_ms`. Then they are switched off, in position mode stopped quickly.
 
     Each drive maps control word and target torque (position) to RPDO 1, status word and actual position to TPDO 1, both
-    synchronous, and stops by itself when SYNC stays away.
+    synchronous, and stops by itself when SYNC stays away. No two arms can be on one bus: the SYNC of one would keep the
+    other's drives going.
     """
 
     interface: str = "socketcan"
@@ -51,8 +52,8 @@ class DrivesTransport(Table):
 
     @property
     def places(self) -> frozenset[str]:
-        """The nodes of all drives."""
-        return frozenset(can_node(self.interface, self.channel, node) for node in self.nodes)
+        """The bus of all drives."""
+        return frozenset([can_bus(self.interface, self.channel)])
 
     @model_validator(mode="after")
     def _has_a_number_for_each(self) -> DrivesTransport:

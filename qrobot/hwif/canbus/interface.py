@@ -5,12 +5,11 @@ from __future__ import annotations
 from types import ModuleType
 from typing import TYPE_CHECKING
 
+from qrobot.config.can import MULTICAST
 from qrobot.errors import ConfigError, LinkError
 
 if TYPE_CHECKING:
     import can
-
-MULTICAST = "udp_multicast"
 
 
 def load_can() -> ModuleType:

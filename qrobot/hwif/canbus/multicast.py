@@ -15,10 +15,10 @@ from typing import Any, Final
 import can
 from can.interfaces.udp_multicast.utils import is_msgpack_installed, pack_message, unpack_message
 
+from qrobot.config.can import MULTICAST_PORT
 from qrobot.errors import ConfigError
 
 GROUP: Final = "239.74.163.2"  # python-can's default for IPv4
-PORT: Final = 43113  # likewise
 _LOOPBACK: Final = "127.0.0.1"
 _MAX_PACKET: Final = 4096
 
@@ -37,7 +37,7 @@ class LocalMulticast(can.BusABC):
     def __init__(self, channel: str = GROUP) -> None:
         is_msgpack_installed()
         group, _, port = channel.partition("/")
-        self._to = (_checked_group(group), int(port or PORT))
+        self._to = (_checked_group(group), int(port or MULTICAST_PORT))
         self._socket = _join(*self._to)
         self.channel_info = f"local multicast {channel}"
         self._can_protocol = can.CanProtocol.CAN_20

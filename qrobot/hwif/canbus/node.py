@@ -1,9 +1,9 @@
 """The far end of CAN: any `Endpoint` as a CANopen node (CiA 301, with the objects of CiA 401 that fit).
 
 Outputs act only while the node is OPERATIONAL; leaving that state, in whatever way, makes the board safe. So does
-silence: when nobody has addressed an operational node for the watchdog's time, the board is made safe once and the node
-says so. Emergency messages tell of lost power, the emergency stop, the watchdog, and frames without meaning; each once,
-until what it tells of is over.
+silence: when an operational node has had neither a SYNC, from whomever, nor a request or a command for itself for the
+watchdog's time, the board is made safe once and the node says so. Emergency messages tell of lost power, the emergency
+stop, the watchdog, and frames without meaning; each once, until what it tells of is over.
 """
 
 from __future__ import annotations
@@ -175,7 +175,8 @@ class BoardNode:
             self._make_safe()
         if self.state == "INITIALISING":
             self.boot()
-        self._hear()
+        if data[1] in (0, self.node_id):
+            self._hear()
 
     def _take_service(self, can_id: int, data: bytes) -> None:
         if len(data) != 8:

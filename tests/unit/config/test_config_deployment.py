@@ -65,26 +65,37 @@ def drives(*nodes: int) -> str:
     [
         ("kind = 'port', port = {}", "kind = 'port', port = { base = 0x340 }", "port 0x300"),
         ("kind = 'port', port = { base = 0x33e }", "kind = 'port', port = { base = 0x380 }", "port 0x33e"),
-        ("kind = 'can', can = {}", "kind = 'can', can = { node_id = 2 }", r"node 1 on can0 \(socketcan\)"),
-        ("kind = 'can', can = {}", "kind = 'can', can = { channel = 'can1' }", "node 1 on can0"),
+        ("kind = 'can', can = {}", "kind = 'can', can = { channel = 'can1' }", r"CAN bus can0 \(socketcan\)"),
+        ("kind = 'can', can = {}", "kind = 'can', can = { interface = 'virtual' }", r"CAN bus can0 \(socketcan\)"),
         ("kind = 'modbus', modbus = {}", "kind = 'modbus', modbus = { port = 503 }", "device 1 at 127.0.0.1:502"),
         ("kind = 'modbus', modbus = {}", "kind = 'modbus', modbus = { device_id = 2 }", "device 1 at"),
-        (drives(1, 2), drives(3, 4), "node 1 on can0"),
+        (drives(1, 2), drives(1, 2).replace("nodes", "channel = 'can1', nodes"), "CAN bus can0"),
     ],
 )
 def test_nor_may_two_arms_have_one_board(tmp_path: Path, board: str, apart: str, says: str) -> None:
     assert len(load(tmp_path, both(board, apart)).arm) == 2
-    with pytest.raises(ConfigError, match=f"left and right have one board: {says}"):
+    with pytest.raises(ConfigError, match=f"left and right have one board or bus: {says}"):
         load(tmp_path, both(board, board))
 
 
-def test_a_board_and_a_drive_may_not_be_one_node_and_cards_may_not_overlap(tmp_path: Path) -> None:
-    for one, other in (
-        ("kind = 'can', can = { node_id = 5 }", drives(4, 5)),
+GROUP = "interface = 'udp_multicast', channel = '239.74.163.2'"
+
+
+@pytest.mark.parametrize(
+    ("one", "other"),
+    [
+        ("kind = 'can', can = { node_id = 1 }", "kind = 'can', can = { node_id = 2 }"),
+        ("kind = 'can', can = { node_id = 5 }", drives(1, 2)),
+        (drives(1, 2), drives(3, 4)),
+        (f"kind = 'can', can = {{ {GROUP} }}", f"kind = 'can', can = {{ node_id = 2, {GROUP[:-1]}/43113' }}"),
         ("kind = 'port', port = {}", "kind = 'port', port = { base = 0x33e }"),
-    ):
-        with pytest.raises(ConfigError, match="have one board"):
-            load(tmp_path, both(one, other))
+    ],
+)
+def test_two_arms_may_not_be_on_one_bus_whose_sync_feeds_both_and_cards_may_not_overlap(
+    tmp_path: Path, one: str, other: str
+) -> None:
+    with pytest.raises(ConfigError, match="left and right have one board or bus"):
+        load(tmp_path, both(one, other))
 
 
 @pytest.mark.parametrize(

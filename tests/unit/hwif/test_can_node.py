@@ -228,6 +228,31 @@ def test_a_silent_client_makes_the_board_safe_once_and_may_go_on() -> None:
     assert desk.end.lists[-1] == [(OP_WRITE, DAC, 6)]
 
 
+def test_commands_to_another_node_are_no_sign_of_life_of_the_client() -> None:
+    desk = Desk(watchdog_ms=5.0)
+    desk.command(START)
+    desk.post((OP_WRITE, DAC, 5))
+    desk.sync()
+    for _ in range(6):
+        desk.clock.pass_ms(1.0)
+        for command in (START, PRE_OPERATIONAL, RESET):
+            desk.command(command, NODE + 1)
+        desk.node.step(0.0)
+    assert desk.end.lists[1:] == [SAFE]
+    assert desk.node.expired == 1
+
+
+@pytest.mark.parametrize("alive", [0, NODE])
+def test_a_command_to_the_node_or_to_all_is_a_sign_of_life(alive: int) -> None:
+    desk = Desk(watchdog_ms=5.0)
+    desk.command(START)
+    for _ in range(6):
+        desk.clock.pass_ms(1.0)
+        desk.command(START, alive)
+        desk.node.step(0.0)
+    assert desk.node.expired == 0
+
+
 def test_a_node_that_does_not_operate_has_no_watchdog() -> None:
     desk = Desk(watchdog_ms=1.0)
     desk.clock.pass_ms(5.0)
