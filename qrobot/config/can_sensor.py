@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 from pydantic import Field, model_validator
 
 from qrobot.config.document import Table
+
+LAST_BASE_ID: Final = 0x7FF  # of 11 bits
 
 
 class CanSignal(Table):
     """One value of a sensor: where it is in which frame, and the converter channel on which the servo reads it.
 
-    The value begins at byte `first` of frame `id` and has `size` bytes. The servo sees value x `volt_per_count` -
-    `zero_v`, within 10 V.
+    The value begins at byte `first` of frame `id` and has `size` bytes. An `id` beyond 0x7FF is one of 29 bits. The
+    servo sees value x `volt_per_count` - `zero_v`, within 10 V.
     """
 
     channel: int = Field(ge=0, le=7)
@@ -22,6 +26,11 @@ class CanSignal(Table):
     big_endian: bool = False
     volt_per_count: float = Field(allow_inf_nan=False)
     zero_v: float = Field(default=0.0, allow_inf_nan=False)
+
+    @property
+    def is_extended(self) -> bool:
+        """The identifier has 29 bits, not 11."""
+        return self.id > LAST_BASE_ID
 
     @model_validator(mode="after")
     def _is_within_a_frame(self) -> CanSignal:

@@ -72,7 +72,7 @@ class CanLink:
             raise LinkLost(f"the interface fails: {error}") from error
 
     def receive(self, deadline: Deadline, whom: str) -> can.Message:
-        """The next data frame, until `deadline`; one that has come in by then is found also by who looks too late.
+        """The next frame of a node, until `deadline`; one that has come in by then is found also by who looks too late.
 
         Raises:
             LinkTimeout: none came; names `whom`, and the last emergency messages.
@@ -85,13 +85,13 @@ class CanLink:
                 self._listen(message)
             if self._restarted is not None:
                 raise LinkLost(f"node {self._restarted} has started anew{self.emergencies}")
-            if message is not None and _has_data(message):
+            if message is not None and _is_of_a_node(message):
                 return message
             if message is None and left_s == 0:
                 raise LinkTimeout(f"{whom} does not answer{self.emergencies}")
 
     def waiting(self) -> list[can.Message]:
-        """The data frames that have come in, without waiting for more."""
+        """The data frames that have come in, of 11 and of 29 bits, without waiting for more."""
         return [message for message in iter(lambda: self._next(0.0), None) if _has_data(message)]
 
     def drain(self) -> None:
@@ -152,7 +152,7 @@ class CanLink:
 
     def _listen(self, message: can.Message) -> None:
         """Note an emergency message, and the boot-up message of a node that has started anew."""
-        if not _has_data(message):
+        if not _is_of_a_node(message):
             return
         if message.arbitration_id - HEARTBEAT in self._nodes and message.data == b"\0":
             self._restarted = message.arbitration_id - HEARTBEAT
@@ -180,6 +180,11 @@ class CanLink:
 
 def _has_data(message: can.Message) -> bool:
     return not message.is_error_frame and not message.is_remote_frame
+
+
+def _is_of_a_node(message: can.Message) -> bool:
+    """Nodes of CANopen have identifiers of 11 bits; the same number in one of 29 bits is somebody else's."""
+    return _has_data(message) and not message.is_extended_id
 
 
 def _answer_in(message: can.Message, index: int, sub: int) -> tuple[int, int] | None:

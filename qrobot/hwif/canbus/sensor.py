@@ -112,7 +112,7 @@ class SensorBus:
             return
         for message in messages:
             for signal in self._sensor.signals:
-                if message.arbitration_id == signal.id:
+                if (message.arbitration_id, message.is_extended_id) == (signal.id, signal.is_extended):
                     self._take(signal, bytes(message.data), now_ns)
 
     def _open(self) -> None:

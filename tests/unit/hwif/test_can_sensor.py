@@ -51,6 +51,9 @@ can_sensor = { channel = "can1", signals = [{ channel = 6, id = 0x123, volt_per_
 """
 
 
+LONG_ID = 0x18FF0123
+
+
 def signal(channel: int = FORCE, **keys: object) -> CanSignal:
     return CanSignal.model_validate({"channel": channel, "id": 0x123, "volt_per_count": 0.001, **keys})
 
@@ -60,9 +63,10 @@ def at_once(work: Callable[[], None]) -> None:
 
 
 class Desk:
-    def __init__(self, timeout_ms: float = PATIENCE_MS, **options: object) -> None:
+    def __init__(self, timeout_ms: float = PATIENCE_MS, can_id: int = 0x123, **options: object) -> None:
         name = uuid.uuid4().hex
-        signals = (signal(), signal(TORQUE, first=2, big_endian=True, volt_per_count=-0.01, zero_v=1.0))
+        torque = signal(TORQUE, id=can_id, first=2, big_endian=True, volt_per_count=-0.01, zero_v=1.0)
+        signals = (signal(id=can_id), torque)
         self.end = BenchEndpoint(Bench(**options))  # type: ignore[arg-type]
         self.sensor = can.Bus(interface="virtual", channel=name)
         config = CanSensor(interface="virtual", channel=name, signals=signals)
@@ -76,8 +80,8 @@ class Desk:
         self.bus.close()
         self.sensor.shutdown()
 
-    def send(self, data: bytes, can_id: int = 0x123) -> None:
-        self.sensor.send(can.Message(arbitration_id=can_id, data=data, is_extended_id=False))
+    def send(self, data: bytes, can_id: int = 0x123, extended: bool = False) -> None:
+        self.sensor.send(can.Message(arbitration_id=can_id, data=data, is_extended_id=extended))
 
     def exchange(self, *rows: Row) -> int:
         self.bus.exchange(rows_of(rows), self.image)
@@ -135,6 +139,20 @@ def test_the_newest_of_several_frames_counts(desk: Desk) -> None:
         desk.send(count.to_bytes(2, "little") + bytes(2))
     desk.send(bytes(4), can_id=0x124)
     assert desk.convert(FORCE) == pytest.approx(3.0, abs=RESOLUTION)
+
+
+@pytest.mark.parametrize(
+    ("own", "other"), [((0x7FF, False), (0x7FF, True)), ((LONG_ID, True), (LONG_ID & 0x7FF, False))]
+)
+def test_a_frame_of_29_bits_is_another_one_than_that_of_11_bits_with_its_number(
+    own: tuple[int, bool], other: tuple[int, bool]
+) -> None:
+    desk = Desk(can_id=own[0])
+    desk.bus.connect()
+    for count, (can_id, extended) in ((1000, own), (2000, other)):
+        desk.send(count.to_bytes(2, "little") + bytes(2), can_id, extended)
+    assert desk.convert(FORCE) == pytest.approx(1.0, abs=RESOLUTION)
+    desk.close()
 
 
 def test_the_boards_own_channels_are_converted_by_the_board(desk: Desk) -> None:
