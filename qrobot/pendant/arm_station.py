@@ -100,6 +100,8 @@ class ArmStation:
             "problem": self.watch.problem,
             "notice": self._notice,
             "notices": self._notices,
+            "unsure": self.requests.unsure,
+            "unsures": self.requests.unsures,
             "session": self.worker.session,
             "guide": self.worker.guide,
             "led": self.worker.led,

@@ -48,6 +48,11 @@ class ServoRequests:
         arm: instance name.
         tell: takes a line for people, from another thread.
         connect: opens the control interface, with patience in s.
+
+    Attributes:
+        unsure: why nobody knows whether the arm has stopped, or lost its power; "" when the newest stop or power-off
+            that was answered says so.
+        unsures: how many stops and power-offs were not certain.
     """
 
     def __init__(
@@ -57,6 +62,9 @@ class ServoRequests:
         self._stops, self._power_offs = (threading.BoundedSemaphore(MOST_STOPS) for _ in range(2))
         kinds = {OPPOSITES.get(name, name) for name in (*ACTIONS, OVERRIDE, LOAD, COLLISION)}
         self._lanes = {kind: RequestLane(kind) for kind in kinds}
+        self.unsure, self.unsures = "", 0
+        self._lock = threading.Lock()  # of both, and of the numbers of stops and power-offs
+        self._asked = self._confirmed = self._doubted = 0
 
     def stop(self, by_bridge: bool) -> None:
         """Stop the arm; returns at once, whatever is under way, and requests that wait are forgotten.
@@ -70,12 +78,17 @@ class ServoRequests:
         self._halt(lambda servo: servo.power_off(), "Power off", "power on to go on", by_bridge, self._power_offs)
 
     def _halt(self, act: ServoHalt, name: str, go_on: str, by_bridge: bool, room: threading.BoundedSemaphore) -> None:
+        with self._lock:
+            self._asked += 1
+            number = self._asked
+
         def run() -> None:
             try:
                 with self._connect(self._arm, ANSWER_S) as servo:
-                    self._tell(f"{name} was pressed: the servo is {act(servo).mode}; {go_on}")
+                    mode = act(servo).mode
+                self._confirm(number, f"{name} was pressed: the servo is {mode}; {go_on}")
             except QRobotError as error:
-                self._tell(_unsure(name, error, by_bridge))
+                self._doubt(number, _unsure(name, error, by_bridge))
             finally:
                 room.release()
 
@@ -86,7 +99,23 @@ class ServoRequests:
                 threading.Thread(target=run, name=f"pendant-{name}", daemon=True).start()
             except RuntimeError:  # no more threads: the next one has a place again
                 room.release()
-                self._tell(f"{name} was pressed: no thread is left to ask the servo by itself; press again")
+                self._doubt(number, f"{name} was pressed: no thread is left to ask the servo by itself; press again")
+
+    def _confirm(self, number: int, text: str) -> None:
+        """The servo has answered a stop or a power-off: earlier ones no longer matter."""
+        with self._lock:
+            self._confirmed = max(self._confirmed, number)
+            if number >= self._doubted:
+                self.unsure = ""
+        self._tell(text)
+
+    def _doubt(self, number: int, text: str) -> None:
+        """One was not answered, which is told until one that is as new was."""
+        with self._lock:
+            if number > self._confirmed:
+                self._doubted = max(self._doubted, number)
+                self.unsure, self.unsures = text, self.unsures + 1
+        self._tell(text)
 
     def act(self, name: str) -> None:
         """Begin one of `ACTIONS`. Raises KeyError: there is none of that name."""

@@ -72,3 +72,18 @@ def test_a_stop_that_does_not_reach_the_pendant_is_told_and_said_again(pendant: 
         relay.mend()
         wait_until(lambda: page.run("return pendant.status?.stops === 1"), "it is said again")
         wait_until(lambda: not page.shows("#fault", LOST), "it was read")
+
+
+def test_that_a_stop_has_not_reached_an_arm_is_told_beside_what_is_told_of_another_one(pendant: Pendant) -> None:
+    """The second arm is not there."""
+    with open_browser() as driver:
+        page = Page(driver, pendant.address)
+        page.type(Keys.ESCAPE)
+        lost = lambda: page.shows("#fault", "absent: STOP HAS NOT REACHED THE ARM")  # noqa: E731
+        wait_until(lost, "it is told")
+        wait_until(lambda: page.shows("#notice", "STOP was pressed: the servo is"), "the other one has stopped")
+        assert lost()
+        page.click_at("#fault .dismiss")
+        assert not lost()
+        page.type(Keys.ESCAPE)
+        wait_until(lost, "it is told anew")

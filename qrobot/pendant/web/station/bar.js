@@ -45,6 +45,7 @@ export function makeBar(root) {
   new ResizeObserver(() => document.documentElement.style.setProperty("--bar", `${root.offsetHeight}px`)).observe(root);
 
   let seen = [], heard = 0, buttons = []; // notices of each arm, and those for this page alone
+  let unsure = [], looked = []; // of each arm {unsure, unsures} as told last, and how many of them somebody has taken away here
   const tell = (text) => {
     notice.hidden = !text;
     setText(said, `ℹ ${text}`);
@@ -59,6 +60,7 @@ export function makeBar(root) {
     drive.disabled = !link.open || (!link.driving && Boolean(asks));
     keep.hidden = !(link.driving && asks);
     setAttribute(drive, "data-on", link.driving);
+    if (link.status) unsure = link.status.arms; // the pendant may be lost meanwhile
     showArm(arm, status);
     showArms();
     link.status?.arms.forEach(({ notices, notice }, k) => {
@@ -101,6 +103,8 @@ export function makeBar(root) {
   const showFault = (state, arm, status) => {
     const lines = [];
     if (link.stopLost) lines.push(["✖ STOP HAS NOT REACHED THE PENDANT", "Press the emergency stop. Once the page is connected again, press STOP until this line goes away."]);
+    const doubts = doubted();
+    lines.push(...doubts);
     if (!link.open) lines.push(["✖ The pendant does not answer", "Is `qrobot pendant` still running? This page connects again by itself; if it was started anew, open the address that it prints."]);
     else if (status?.problem) lines.push(["✖ No arm", status.problem]);
     else if (state) {
@@ -114,17 +118,27 @@ export function makeBar(root) {
       if (!(state.flags & ESTOP_OK) && link.words.codes[state.fault]?.[0] !== "ESTOP") lines.push(["✖ Emergency stop", "It is pressed."]);
       if (!(state.flags & CALIBRATED)) lines.push(["⚠ Not calibrated", "Positions are not true: calibrate the arm before it moves."]);
     }
-    setAttribute(fault, "data-level", state && !state.fault && !link.stopLost ? "warn" : "bad");
+    setAttribute(fault, "data-level", state && !state.fault && !link.stopLost && !doubts.length ? "warn" : "bad");
     fault.hidden = lines.length === 0;
     const text = JSON.stringify(lines);
     if (fault.dataset.text !== text) {
       fault.dataset.text = text;
-      fault.replaceChildren(...lines.map(([head, rest]) => el("p", {}, el("b", {}, head), " ", rest)));
+      fault.replaceChildren(...lines.map(([head, rest, k]) => el("p", {}, el("b", {}, head), " ", rest, k === undefined ? "" : awayButton(k))));
     }
   };
 
+  // Every arm, also one that the page is not about, of which nobody knows whether it has stopped.
+  const doubted = () => {
+    const name = (k) => (link.arms.length > 1 ? `${link.arms[k].facts.name}: ` : "");
+    const open = unsure.map((each, k) => [each, k]).filter(([each, k]) => each.unsure && link.arms[k] && each.unsures !== looked[k]);
+    return open.map(([each, k]) => [`✖ ${name(k)}${each.unsure}`, "This line stays until the servo has answered a STOP or Power off.", k]);
+  };
+  const awayButton = (k) => el("button", { class: "dismiss", "aria-label": "take this line away: I have looked at the arm", onclick: () => { looked[k] = unsure[k].unsures; show(); } }, "×");
+
   link.addEventListener("hello", () => {
     seen = [];
+    unsure = [];
+    looked = [];
     heard = 0;
     buttons = link.arms.map((arm, k) => el("button", { class: "arm", "data-arm": k, onclick: () => link.choose(k) }, el("span", {}, arm.facts.name), el("small", {}, "")));
     arms.replaceChildren(...buttons);
