@@ -37,6 +37,7 @@ from qrobot.wire import State
 from qrobot.wire.vocabulary import RobotFlag
 
 LATE_S = 1.0  # a page's word that took longer, there and back with a sample, is not what is wanted now
+HELD_LATE_S = 0.5  # [A] the same of a held button: the arm moves on for so long after the hand has let go
 LEAVE_S = 3.0  # an arm that moved is at rest by then
 
 
@@ -239,16 +240,17 @@ class ArmStation:
             raise MotionError(f"not begun: {why}")
         self.procedures.start(request)
 
-    def refuse_late(self, heard_s: float | None) -> None:
-        """Look at how old a page's word is that may move the arm, by the sample that the page had heard.
-
-        Raises MotionError: it lay in the network, and whoever asked may stand beside the arm by now.
-        """
-        if self._newest is None:
-            return
-        now_s = self._newest.robot.t_ns / NS_PER_S
-        if heard_s is None or abs(now_s - heard_s) > LATE_S:
+    def refuse_late(self, heard_s: float | None, most_s: float = LATE_S) -> None:
+        """Raises MotionError: a page's word `is_late`, and whoever asked may stand beside the arm by now."""
+        if self.is_late(heard_s, most_s):
             raise MotionError("not done: it came late, by a slow connection; look at the arm, and press again")
+
+    def is_late(self, heard_s: float | None, most_s: float) -> bool:
+        """Whether a page's word that may move the arm is older than `most_s`, by the sample that the page had heard."""
+        if self._newest is None:
+            return False
+        now_s = self._newest.robot.t_ns / NS_PER_S
+        return heard_s is None or abs(now_s - heard_s) > most_s
 
     def is_faster(self, override: float) -> bool:
         """Whether motions would go faster by that speed override than they do."""

@@ -10,7 +10,7 @@ from contextlib import ExitStack
 from typing import Any, Final
 
 from qrobot.errors import MotionError
-from qrobot.pendant.arm_station import ArmStation, monotonic
+from qrobot.pendant.arm_station import HELD_LATE_S, ArmStation, monotonic
 from qrobot.pendant.board_messages import PageBoardForce, PageBoardInject, PageBoardRepair
 from qrobot.pendant.frames import state_frame, vocabulary
 from qrobot.pendant.load_messages import PageCollision, PageLoad
@@ -207,8 +207,8 @@ class DriveFloor:
         match message:
             case PagePressed():
                 self._press(page, message)
-            case PageBeat(number=number):
-                self._of(message).worker.say(do="beat", number=number)
+            case PageBeat():
+                self._beat(self._of(message), message)
             case PageAct(name=name):
                 self._of(message).act(name)
             case PageCommand(on=on, guide=guide, back_mm=back_mm):
@@ -255,9 +255,15 @@ class DriveFloor:
                 arm.tell(f"the model is {arm.procedures.keep(confirmed)}: name it as `model` in [arm.servo]")
 
     def _press(self, page: PageView, message: PagePressed) -> None:
-        """A page moves one arm at a time: what it held at another one is let go."""
+        """A page moves one arm at a time: what it held at another one is let go, also where the press comes late."""
         self._release_all(page)
-        self._of(message).worker.say(**message.model_dump(exclude={"arm"}))
+        self._of(message).refuse_late(message.heard_s, HELD_LATE_S)
+        self._of(message).worker.say(**message.model_dump(exclude={"arm", "heard_s"}))
+
+    def _beat(self, arm: ArmStation, message: PageBeat) -> None:
+        """A beat that comes late is none: the press dies of that silence, and whoever held its button is told."""
+        if not arm.is_late(message.heard_s, HELD_LATE_S):
+            arm.worker.say(do="beat", number=message.number)
 
     def _of(self, message: Any) -> ArmStation:
         if not message.arm < len(self.arms):
@@ -307,7 +313,7 @@ class DriveFloor:
 
 
 def _moves(arm: ArmStation, message: Any) -> bool:
-    """Whether an arm, or its hand, may move by this message alone. A press does not: its beats are looked at."""
+    """Whether an arm, or its hand, may move by this message, but for those of a held button, see `HELD_LATE_S`."""
     match message:
         case PageCommand(on=on):
             return bool(on)
@@ -320,4 +326,4 @@ def _moves(arm: ArmStation, message: Any) -> bool:
         case PageProcedureStart(step=step):
             return step in LIVE_STEPS
         case _:
-            return isinstance(message, MovingMessage)
+            return isinstance(message, MovingMessage) and not isinstance(message, PagePressed | PageBeat)

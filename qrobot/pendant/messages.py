@@ -88,7 +88,7 @@ class PageLed(PageMessage):
     smooth_mm: float = Field(default=0.0, ge=0, le=MOST_STEP, allow_inf_nan=False, strict=False)
 
 
-class PagePressed(PageMessage):
+class PagePressed(MovingMessage):
     """A button that moves the arm was pressed, see `held_press.Press`."""
 
     do: Literal["press"]
@@ -103,7 +103,7 @@ class PagePressed(PageMessage):
     step: float = Field(default=0.0, ge=0, le=MOST_STEP, allow_inf_nan=False, strict=False)
 
 
-class PageBeat(PageMessage):
+class PageBeat(MovingMessage):
     """The button of a press is still held."""
 
     do: Literal["beat"]

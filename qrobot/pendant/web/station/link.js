@@ -183,17 +183,17 @@ class Link extends EventTarget {
   }
 
   hold(target, name, extra) {
-    if (!(target === "guide" ? this.leading : this.ready)) return false;
+    if (!(target === "guide" ? this.leading : this.ready) || !this.fresh(this.arm)) return false;
     this.release();
     this.presses += 1;
     this.press = { arm: this.chosen, number: this.presses };
-    this.say({ do: "press", ...this.press, target, name, ...extra });
+    this.order({ do: "press", ...this.press, target, name, ...extra });
     this.tell("press");
     return true;
   }
 
   beat() {
-    if (this.press) this.say({ do: "beat", ...this.press });
+    if (this.press) this.order({ do: "beat", ...this.press });
   }
 
   release() {
