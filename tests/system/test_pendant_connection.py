@@ -87,3 +87,16 @@ def test_that_a_stop_has_not_reached_an_arm_is_told_beside_what_is_told_of_anoth
         assert not lost()
         page.type(Keys.ESCAPE)
         wait_until(lost, "it is told anew")
+
+
+def test_what_every_page_may_ask_for_can_be_pressed_while_nothing_is_heard_of_the_arm(pendant: Pendant) -> None:
+    """The second one is not there, nobody drives it, and it is not known to have power."""
+    with open_browser() as driver:
+        page = Page(driver, pendant.address)
+        choose_arm(page, 1)
+        wait_until(lambda: page.shows("#fault", "No arm"), "nothing is heard of it")
+        for each in ("stop", "power-off", "pause"):
+            assert not page.run("return document.getElementById(arguments[0]).disabled", each)
+        page.click("power-off")
+        choose_arm(page, 0)
+        wait_until(lambda: page.shows("#fault", "absent: Power off HAS NOT REACHED THE ARM"), "it was asked for")

@@ -156,10 +156,10 @@ export function speedCard(prefix = "") {
   const show = () => {
     const state = link.arm && link.fresh(link.arm) ? link.arm.state : null;
     slider.disabled = !link.driving || !state;
-    offered = paused() || waits() ? "resume" : "pause";
+    offered = state && (paused() || waits()) ? "resume" : "pause"; // also of an arm that is not heard of: every page may ask for it
     const answered = offered === "pause" || performance.now() - resumed > ANSWER_MS;
-    pause.disabled = !state || !answered || (offered === "resume" && !link.driving);
-    setText(pause, waits() ? "▶ Go back to the path" : paused() ? "▶ Go on" : "‖ Pause motions");
+    pause.disabled = !link.open || !answered || (offered === "resume" && !link.driving);
+    setText(pause, offered === "pause" ? "‖ Pause motions" : waits() ? "▶ Go back to the path" : "▶ Go on");
     setAttribute(pause, "data-on", offered === "resume");
     setText(told, state ? `${Math.round(100 * state.override)} %` : "?");
     const moved = performance.now() - asked <= 1000 || slider.matches(":active"); // also by a finger that rests on it
@@ -182,7 +182,7 @@ function powerCard() {
     const mode = state ? link.modeOf(state) : "";
     const session = link.armStatus?.session ?? "no";
     on.disabled = !link.driving || session !== "no" || !MAY_POWER.includes(mode);
-    off.disabled = !link.open || !state || !(state.flags & 1);
+    off.disabled = !link.open; // also while nothing is heard of the arm, and while it is about to be powered
     clear.disabled = !link.driving || !MAY_CLEAR.includes(mode);
     take.disabled = !link.driving || !state || (session === "no" && mode !== "HOLDING" && mode !== "OFF");
     const others = session === "no" && Boolean(link.armStatus?.commanded); // a program has it
