@@ -1,6 +1,7 @@
 // What is always in reach: STOP, who drives, how the arm is, and what is wrong with it.
 import { el, setAttribute, setText } from "./dom.js";
 import { link } from "./link.js";
+import { twoWayButton } from "./two_way.js";
 
 const POWERED = 1, CALIBRATED = 2, ESTOP_OK = 4, PATH_WAITS = 1024; // of the flags
 const TYPING = "input:not([type=checkbox]):not([type=range]), textarea, [contenteditable]";
@@ -25,7 +26,7 @@ export function makeBar(root) {
   const mode = el("span", { class: "chip", id: "mode" });
   const power = el("span", { class: "chip", id: "power" });
   const data = el("span", { class: "chip", id: "data" });
-  const drive = el("button", { id: "drive", onclick: () => link.drive() });
+  const { button: drive, show: showDrive } = twoWayButton({ id: "drive" }, (more) => link.drive(more));
   const keep = el("button", { id: "keep", hidden: true, onclick: () => link.keep() }, "Keep driving");
   const stop = el("button", { class: "stop", id: "stop", "aria-keyshortcuts": "Escape Space" }, "STOP", el("small", {}, "Esc · Space"));
   stop.addEventListener("pointerdown", () => link.stop());
@@ -57,7 +58,7 @@ export function makeBar(root) {
     setText(own, link.open ? ` · you are page ${link.page}` : "");
     const asks = status?.asker ?? 0, asked = asks === link.page;
     setText(drive, link.driving ? (asks ? `Give up to page ${asks}` : "Give up driving") : asked ? "asked …" : status?.driver ? `Ask page ${status.driver}` : "Drive from here");
-    drive.disabled = !link.open || (!link.driving && Boolean(asks));
+    showDrive(!link.driving, link.open && (link.driving || !asks));
     keep.hidden = !(link.driving && asks);
     setAttribute(drive, "data-on", link.driving);
     if (link.status) unsure = link.status.arms; // the pendant may be lost meanwhile

@@ -7,6 +7,7 @@ import { digits, lastFrame, place, shown, tip, unit } from "./kinematics.js";
 import { link } from "./link.js";
 import { back, loadCard } from "./load.js";
 import { showPathsAhead } from "./path_ahead.js";
+import { twoWayButton } from "./two_way.js";
 import { View } from "./view3d.js";
 
 const AXES = [["dx", "X", "mm"], ["dy", "Y", "mm"], ["dz", "Z", "mm"], ["rx", "about x", "°"], ["ry", "about y", "°"], ["rz", "about z", "°"]];
@@ -139,13 +140,13 @@ function axisRow(title, axisUnit, a, ask) {
 export function speedCard(prefix = "") {
   const slider = el("input", { type: "range", id: `${prefix}override`, min: "0", max: "100", step: "5", value: "100", "aria-label": "speed override, percent" });
   const told = el("output", { class: "number", id: `${prefix}override-told` });
-  const pause = el("button", { id: `${prefix}pause`, onclick: () => press() });
+  const { button: pause, show: showPause } = twoWayButton({ id: `${prefix}pause` }, (more) => press(more));
   const flag = (bit) => Boolean((link.arm?.state?.flags ?? 0) & bit);
   const paused = () => flag(PAUSED), waits = () => flag(PATH_WAITS);
-  let asked = -Infinity, offered = "pause", resumed = -Infinity;
-  const press = () => { // what the button shows, not what the newest sample would make of it
-    if (offered === "resume") resumed = performance.now();
-    link.act(offered);
+  let asked = -Infinity, resumed = -Infinity;
+  const press = (more) => {
+    if (more) resumed = performance.now();
+    link.act(more ? "resume" : "pause");
     show();
   };
   slider.addEventListener("input", () => (asked = performance.now()));
@@ -156,11 +157,11 @@ export function speedCard(prefix = "") {
   const show = () => {
     const state = link.arm && link.fresh(link.arm) ? link.arm.state : null;
     slider.disabled = !link.driving || !state;
-    offered = state && (paused() || waits()) ? "resume" : "pause"; // also of an arm that is not heard of: every page may ask for it
-    const answered = offered === "pause" || performance.now() - resumed > ANSWER_MS;
-    pause.disabled = !link.open || !answered || (offered === "resume" && !link.driving);
-    setText(pause, offered === "pause" ? "‖ Pause motions" : waits() ? "▶ Go back to the path" : "▶ Go on");
-    setAttribute(pause, "data-on", offered === "resume");
+    const more = Boolean(state) && (paused() || waits()); // of an arm that is not heard of every page may ask for a pause
+    const answered = performance.now() - resumed > ANSWER_MS;
+    showPause(more, link.open && (!more || (answered && link.driving)));
+    setText(pause, !more ? "‖ Pause motions" : waits() ? "▶ Go back to the path" : "▶ Go on");
+    setAttribute(pause, "data-on", more);
     setText(told, state ? `${Math.round(100 * state.override)} %` : "?");
     const moved = performance.now() - asked <= 1000 || slider.matches(":active"); // also by a finger that rests on it
     if (state && !moved) slider.value = String(Math.round(100 * state.override));
@@ -173,7 +174,7 @@ function powerCard() {
   const on = el("button", { id: "power-on", onclick: () => link.act("power on") }, "⚡ Power on");
   const off = el("button", { id: "power-off", onclick: () => link.act("power off") }, "Power off");
   const clear = el("button", { id: "clear", onclick: () => link.act("clear") }, "Clear fault");
-  const take = el("button", { id: "take", onclick: () => link.order({ do: "command", arm: link.chosen, on: link.armStatus.session === "no", back_mm: back.mm }) });
+  const { button: take, show: showTake } = twoWayButton({ id: "take" }, (on) => link.order({ do: "command", arm: link.chosen, on, back_mm: back.mm }));
   const open = el("button", { "aria-label": "open hand", onclick: () => link.order({ do: "hand", arm: link.chosen, opened: true }) }, "Open");
   const close = el("button", { "aria-label": "close hand", onclick: () => link.order({ do: "hand", arm: link.chosen, opened: false }) }, "Close");
   const hand = el("span", { class: "chip" });
@@ -184,11 +185,10 @@ function powerCard() {
     on.disabled = !link.driving || session !== "no" || !MAY_POWER.includes(mode);
     off.disabled = !link.open; // also while nothing is heard of the arm, and while it is about to be powered
     clear.disabled = !link.driving || !MAY_CLEAR.includes(mode);
-    take.disabled = !link.driving || !state || (session === "no" && mode !== "HOLDING" && mode !== "OFF");
-    const others = session === "no" && Boolean(link.armStatus?.commanded); // a program has it
-    if (others) take.disabled = true;
-    const led = link.armStatus?.guide && session !== "no"; // see guide.js
-    if (led) take.disabled = true;
+    const free = session === "no";
+    const others = free && Boolean(link.armStatus?.commanded); // a program has it
+    const led = link.armStatus?.guide && !free; // see guide.js
+    showTake(free, link.driving && state && !others && !led && (!free || mode === "HOLDING" || mode === "OFF"));
     setText(take, led ? "led by hand" : others ? "a program has it" : { no: "Take the arm", opening: "taking …", ready: "Let go of the arm" }[session]);
     setAttribute(take, "data-on", link.ready);
     open.disabled = close.disabled = !link.ready;

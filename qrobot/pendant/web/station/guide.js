@@ -2,12 +2,13 @@
 import { el, setAttribute, setText } from "./dom.js";
 import { holdButton } from "./hold.js";
 import { link } from "./link.js";
+import { twoWayButton } from "./two_way.js";
 
 const SMOOTH = [["0", "as it was"], ["1", "within 1 mm"], ["3", "within 3 mm"], ["10", "within 10 mm"]];
 
 export function guideCard() {
   const say = (message) => link.say({ arm: link.chosen, ...message });
-  const take = el("button", { id: "guide-take", onclick: () => link.order({ do: "command", arm: link.chosen, on: !taken(), guide: true }) });
+  const { button: take, show: showTake } = twoWayButton({ id: "guide-take" }, (on) => link.order({ do: "command", arm: link.chosen, on, guide: true }));
   const lead = holdButton("Hold to lead", "lead the arm by hand", () => ({ target: "guide", name: "hand" }), () => link.leading);
   lead.id = "guide-hold";
   const keepPlace = el("button", { id: "guide-place", onclick: () => say({ do: "record", name: freeName() }) });
@@ -30,7 +31,8 @@ export function guideCard() {
     const status = link.armStatus, state = link.arm && link.fresh(link.arm) ? link.arm.state : null;
     const session = status?.session ?? "no", led = status?.led ?? [], writes = status?.writes;
     const idle = link.driving && session === "no";
-    take.disabled = !link.driving || !state || (session !== "no" && !taken()) || (session === "no" && !["HOLDING", "OFF"].includes(link.modeOf(state)));
+    const takes = session === "no" && state && ["HOLDING", "OFF"].includes(link.modeOf(state));
+    showTake(!taken(), link.driving && state && (taken() || takes));
     setText(take, !taken() ? "Take it to lead" : session === "ready" ? "Let go of the arm" : "taking …");
     setAttribute(take, "data-on", taken() && session === "ready");
     keepPlace.disabled = !link.driving || !state;

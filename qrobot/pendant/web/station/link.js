@@ -177,9 +177,9 @@ class Link extends EventTarget {
     this.say({ do: "take", arm: this.chosen });
   }
 
-  // Take the lease of the arm, ask the page that has it, or give it up.
-  drive() {
-    this.say({ do: this.driving ? "give" : "take", arm: this.chosen });
+  // Take the lease of the arm, or ask the page that has it; or give it up.
+  drive(more) {
+    this.say({ do: more ? "take" : "give", arm: this.chosen });
   }
 
   hold(target, name, extra) {
