@@ -115,6 +115,7 @@ void rci_signals_are_blocked(void); /* in a thread of ours, which has all signal
 void rci_lock(void);
 void rci_unlock(void);
 int rci_is_task(const RCI_TASK *td, const char *call);
+unsigned long rci_known(void); /* bits of all tasks */
 int rci_are_tasks(unsigned long mask, const char *call);
 const RCI_ROBOT *rci_find_robot(const char *name, char *address);
 void rci_forget_robots(void);

@@ -132,15 +132,23 @@ int rci_is_task(const RCI_TASK *td, const char *call)
     return 0;
 }
 
-int rci_are_tasks(unsigned long mask, const char *call)
+unsigned long rci_known(void)
 {
     unsigned long known = 0;
 
     for (int i = 0; rci_program.begun && i < rci_program.n_tasks; i++)
         known |= rci_program.tasks[i]->bit;
-    if (mask != 0 && (mask & ~known) == 0)
+    return known;
+}
+
+/* 1 for a mask that names tasks, and the program if it likes; otherwise 0, and says so. */
+int rci_are_tasks(unsigned long mask, const char *call)
+{
+    unsigned long known = rci_known();
+
+    if ((mask & known) != 0 && (mask == RCI_ALL || (mask & ~(known | RCI_PARENT)) == 0))
         return 1;
-    rci_fail("%s: mask %#lx has bits of no task; there are %#lx", call, mask, known);
+    rci_fail("%s: mask %#lx names no task, or has bits of none; there are %#lx", call, mask, known);
     return 0;
 }
 
@@ -280,7 +288,7 @@ static int untold(void)
 int rci_close(void)
 {
     static RCI_TASK **kept; /* by threads that never came back: reachable, for those who look for leaks */
-    unsigned long mask = 0;
+    unsigned long mask = rci_known();
     sigset_t before;
     int failed, lost;
 
@@ -288,8 +296,6 @@ int rci_close(void)
         return 0;
     if (rci_current != NULL)
         return rci_fail("rci_close: only the planning program may do that");
-    for (int i = 0; i < rci_program.n_tasks; i++)
-        mask |= rci_program.tasks[i]->bit;
     if (mask != 0 && rci_program.sealed)
         rci_release(mask);
     rci_processors_end();

@@ -148,11 +148,13 @@ static void put(struct mailbox *box, unsigned long sender, const void *buffer, l
 /* Queue a message for each task of a mask. Returns the bytes queued: 0 when one of them has no room; -1 on a mistake. */
 long rci_send(unsigned long sendcode, const void *buffer, long size)
 {
-    unsigned long sender = rci_self()->bit;
+    unsigned long sender = rci_self()->bit, asked = sendcode;
     int can;
 
     if (buffer == NULL || size < 1 || size > RCI_LONGEST_MESSAGE)
         return rci_fail("rci_send: %ld bytes; messages have 1 to %d", size, RCI_LONGEST_MESSAGE);
+    if (sendcode == RCI_ALL) /* less the sender, as in Python */
+        sendcode = (rci_known() | RCI_PARENT) & ~sender;
     rci_lock();
     can = sendcode != 0 ? can_take(sendcode, size) : -1;
     for (unsigned long bit = 1; can > 0 && bit != 0 && bit <= sendcode; bit <<= 1)
@@ -160,7 +162,7 @@ long rci_send(unsigned long sendcode, const void *buffer, long size)
             put(mailbox_of(bit), sender, buffer, size);
     rci_unlock();
     if (can < 0)
-        return rci_fail("rci_send: mask %#lx has bits of no task", sendcode);
+        return rci_fail("rci_send: mask %#lx names no task, or has bits of none", asked);
     return can ? size : 0;
 }
 
