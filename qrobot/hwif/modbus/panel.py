@@ -39,7 +39,7 @@ class PanelModules:
             for k, microvolts in enumerate(memory.panel.analog_outputs.tolist()):
                 said = int(memory.panel.analog_told) >> k & 1
                 module.drive(k + 1, microvolts / PANEL_MICRO if said else None)
-            memory.panel.inputs = int(memory.panel.inputs) & ~module.mask | module.bits(now_ns)
+            show_inputs(memory, module.mask, module.bits(now_ns))
             for channel in module.channels:
                 memory.panel.analog[channel] = round((module.maybe_volt(channel, now_ns) or 0.0) * PANEL_MICRO)
         memory.facts.module_losses = sum(module.losses for module in self._modules)
@@ -58,6 +58,13 @@ class PanelModules:
         """Step until `stop` is set."""
         while not stop.wait(STEP_S):
             self.step(time.monotonic_ns())
+
+
+def show_inputs(memory: BoardMemory, mask: int, bits: int) -> None:
+    """Write the inputs of `mask` where they differ: others force some of the same word, also between look and write."""
+    shown = int(memory.panel.inputs)
+    if shown & mask != bits:
+        memory.panel.inputs = shown & ~mask | bits
 
 
 @contextmanager
