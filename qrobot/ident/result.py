@@ -23,7 +23,6 @@ from qrobot.servo.memory.telemetry import Rows
 from qrobot.whole_file import replace_file
 
 SECTIONS: Final = ("links", "friction", "drives", "quality")
-WORSE: Final = 1.5  # times the robot file's error, on passes held back: such a model is none
 HALF_STEP: Final = 0.5  # DAC counts: a smaller error of torque cannot be commanded away
 _DIGITS: Final = 8
 _HEAD: Final = """# The servo uses links, friction and drives. Inertia is about the centre, along the axes of the frame:
@@ -105,11 +104,15 @@ def _need_better(found: Identified) -> None:
 def _as_good(found: Identified) -> Floats:
     """Error of a prediction up to which a model is no worse than the robot file. Shape (n,).
 
-    A model that equals the file within its own uncertainty is accepted, and so is one that is off by less than the
-    converter can ask for.
+    A model that equals the file within its own uncertainty, and within what the converter can ask for, errs by no more
+    than all three together.
     """
-    smallest = HALF_STEP / np.abs(found.robot.transmission.dac_per_Nm)
-    return np.maximum(np.hypot(WORSE * found.before_rms, CLEARLY * found.held_back_doubt), smallest)
+    return np.asarray(found.before_rms + CLEARLY * found.held_back_doubt + _half_step(found.robot))
+
+
+def _half_step(robot: Robot) -> Floats:
+    """Torque of half a step of the converter, by motor, N m (N). Shape (n,)."""
+    return np.asarray(HALF_STEP / np.abs(robot.transmission.dac_per_Nm))
 
 
 def _least_friction(robot: Robot, half_width: Floats) -> Floats:
@@ -119,7 +122,7 @@ def _least_friction(robot: Robot, half_width: Floats) -> Floats:
         robot: the robot file.
         half_width: of the intervals of viscous friction and of Coulomb's. Shape (n, 3).
     """
-    smallest = HALF_STEP / np.abs(robot.transmission.dac_per_Nm)
+    smallest = _half_step(robot)
     fastest = np.abs(robot.transmission.coupling) @ robot.limits.v_max
     return np.asarray(-CLEARLY * half_width - np.column_stack([smallest / fastest, smallest, smallest]))
 
@@ -128,7 +131,7 @@ def _need_better_inertia(inertial: InertialModel) -> None:
     robot = inertial.steady.robot
     if unjudged := _named(robot, np.isnan(inertial.held_back_rms)):
         raise IdentificationError(f"no held-back motion turns {unjudged}: record the whole plan")
-    if worse := _named(robot, inertial.held_back_rms > WORSE * inertial.before_rms):
+    if worse := _named(robot, inertial.held_back_rms > inertial.before_rms + _half_step(robot)):
         raise IdentificationError(f"inertia as found predicts {worse} worse than the robot file's: no model is written")
     half_width = inertial.fit.half_width[len(inertial.base.leading) :].reshape(inertial.friction.shape)
     if negative := _named(robot, (inertial.friction < _least_friction(robot, half_width)).any(axis=1)):

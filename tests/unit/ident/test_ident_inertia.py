@@ -173,13 +173,17 @@ def test_bodies_exist_even_where_what_was_found_is_none() -> None:
     assert (2.0 * links.inertia.max(axis=1) < links.inertia.sum(axis=1)).all()
 
 
-def test_a_model_that_predicts_fast_motion_worse_is_refused() -> None:
-    good = found()
-    worse = InertialModel(
-        good.steady, good.base, good.regressor, good.fit, good.links, 2.0 * good.before_rms, good.before_rms
-    )
+@pytest.mark.parametrize("times", [1.05, 1.2, 1.49, 2.0])
+def test_a_model_that_predicts_fast_motion_worse_is_refused(times: float) -> None:
+    worse = replace(found(), held_back_rms=np.full(N, 2.0 * times), before_rms=np.full(N, 2.0))
     with pytest.raises(IdentificationError, match=r"predicts waist, shoulder.*no model is written"):
         model_of(steady(), log(), "2026-11-21", worse)
+
+
+def test_a_model_whose_error_in_fast_motion_is_larger_by_less_than_can_be_commanded_is_written() -> None:
+    before, step = np.full(N, 2.0), 1.0 / np.abs(PUMA.transmission.dac_per_Nm)
+    as_good = replace(found(), held_back_rms=before + 0.45 * step, before_rms=before)
+    assert model_of(steady(), log(), "2026-11-21", as_good).quality.motion_rms is not None
 
 
 def test_too_little_motion_is_refused() -> None:

@@ -189,6 +189,17 @@ def test_a_model_that_is_as_good_as_the_robot_file_within_its_uncertainty_is_wri
         model_of(replace(doubtful, before_rms=np.full(N, 1.0)), rows, "2026-11-21")
 
 
+@pytest.mark.parametrize("times", [1.05, 1.2, 1.49])
+@pytest.mark.parametrize("joint", range(N))
+def test_a_model_that_is_a_little_worse_than_the_robot_file_on_one_joint_is_not_written(
+    times: float, joint: int
+) -> None:
+    errors = np.full(N, 2.0)
+    errors[joint] *= times
+    with pytest.raises(IdentificationError, match=f"predicts {PUMA.joint_names[joint]} worse than the robot file"):
+        model_of(replace(found(), held_back_rms=errors, before_rms=np.full(N, 2.0)), *NOTHING_RECORDED)
+
+
 def test_an_arm_that_is_exactly_as_its_file_says_gets_a_model() -> None:
     regressor, base = puma_base()
     preset = PUMA.friction[PUMA.control.friction_preset]
