@@ -82,8 +82,7 @@ def run_calibration(
         if not had_power and _power_on(mailbox, wait, before, halts) == Mode.HOLDING:
             return ALREADY
         if before.mode != Mode.CALIBRATING:
-            _insist_on_no_halt(mailbox, halts)
-            mailbox.request_calibration(indexes)
+            _ask(mailbox, halts, lambda: mailbox.request_calibration(indexes))
         found = _follow(mailbox, wait, progress)
     except BaseException:
         mailbox.request_stop()
@@ -94,6 +93,17 @@ def run_calibration(
     return CalibrationReport(
         False, found.wanted, found.misfit.tolist(), found.margin.tolist(), [int(votes) for votes in found.votes]
     )
+
+
+def _ask(mailbox: ServoMailbox, halts: tuple[int, int], request: Callable[[], None]) -> None:
+    """Make a request. Raises ServoFault when somebody has halted the arm since `halts` were counted.
+
+    The second look finds a halt just before the request, which a cycle may have seen by itself. The servo obeys any
+    that comes later.
+    """
+    _insist_on_no_halt(mailbox, halts)
+    request()
+    _insist_on_no_halt(mailbox, halts)
 
 
 def _insist_on_no_halt(mailbox: ServoMailbox, halts: tuple[int, int]) -> None:
@@ -111,8 +121,7 @@ def _power_on(mailbox: ServoMailbox, wait: Wait, before: ServoSnapshot, halts: t
         mailbox.request_calibration()
     mailbox.request_power(False)
     wait(FORGET_S)
-    _insist_on_no_halt(mailbox, halts)
-    mailbox.request_power(True)
+    _ask(mailbox, halts, lambda: mailbox.request_power(True))
     asked = mailbox.snapshot()  # behind the request, of which the next cycle but one has heard for certain
     state = _until(
         mailbox,
@@ -126,11 +135,12 @@ def _power_on(mailbox: ServoMailbox, wait: Wait, before: ServoSnapshot, halts: t
 
 
 def _follow(mailbox: ServoMailbox, wait: Wait, progress: FollowCalibration) -> CalibrationProgress:
+    asked = mailbox.snapshot()  # behind the request, of which the next cycle but one has heard for certain
     wait(POLL_S)
 
     def ended(state: ServoSnapshot) -> bool:
         progress(mailbox.calibration())
-        return state.mode != Mode.CALIBRATING
+        return state.mode != Mode.CALIBRATING and state.tick > asked.tick + 1
 
     state = _until(mailbox, wait, ended, CALIBRATION_PATIENCE_S)
     if state.mode != Mode.HOLDING:

@@ -205,19 +205,25 @@ class Controls:
             halts = mailbox.halts
             mailbox.request_power(False)
             self._wait_for_loop()
-            if mailbox.halts != halts:
+            if mailbox.halts == halts:
+                mailbox.request_power(True)
+            if mailbox.halts != halts:  # behind the request as well: a cycle may have seen one just before it
+                mailbox.request_power(False)
                 raise QRobotError("no arm power: somebody has asked for a stop, or for no power, meanwhile")
-            mailbox.request_power(True)
             self._wait_for_loop()
 
     def _calibrate(self, request: Calibrate) -> None:
         mailbox = self._servo.mailbox
+        halts = mailbox.halts
         snapshot = mailbox.snapshot()
         contradicted = snapshot.mode == Mode.OFF and snapshot.event == FaultCode.CAL_MISMATCH
         if snapshot.mode != Mode.UNCALIBRATED and not contradicted:
             mode = mode_name(snapshot.mode)
             raise QRobotError(f"not in mode {mode}: an arm calibrates under power, while it is UNCALIBRATED")
         mailbox.request_calibration(request.indexes)
+        if mailbox.halts != halts:
+            mailbox.request_stop()
+            raise QRobotError("no calibration: somebody has asked for a stop, or for no power, meanwhile")
         self._wait_for_loop()
 
     def _wait_for_loop(self) -> None:

@@ -231,10 +231,7 @@ def begin_calibration(params: ServoParameters, state: ServoState, indexes: int) 
 
 @lean_kernel
 def _obey_calibration(params: ServoParameters, state: ServoState, mail: Any, stopped: bool) -> None:
-    """Begin a calibration when asked to, end it when asked to stop.
-
-    Counters that are being loaded are waited for, a few cycles at rest: their new words would look like a jump.
-    """
+    """Begin a calibration when asked to, end it when asked to stop; of the two in one cycle the stop counts."""
     mode = state.mode
     calibrations = load_acquire(mail.command, "calibrations")
     asked = calibrations != state.calibrates_seen
@@ -243,6 +240,8 @@ def _obey_calibration(params: ServoParameters, state: ServoState, mail: Any, sto
         report_event(state, CAL_STOPPED, state.cal.joint_now)
         hold_position(state)
         set_mode(state, UNCALIBRATED)
+    elif mode == UNCALIBRATED and asked and stopped:
+        report_event(state, CAL_STOPPED)
     elif mode == UNCALIBRATED and asked:
         begin_calibration(params, state, mail.command.indexes)
     elif mode == OFF and asked:
