@@ -217,6 +217,15 @@ def _forget_calibration(state: ServoState) -> None:
 
 
 @lean_kernel
+def _loads_counters(state: ServoState) -> bool:
+    """True while a calibration loads its counters, some cycles at rest.
+
+    They are waited for, whoever wants to end it: their new words would look like a jump.
+    """
+    return bool(state.mode == CALIBRATING and state.cal.stage >= LOADING)
+
+
+@lean_kernel
 def begin_calibration(params: ServoParameters, state: ServoState, indexes: int) -> None:
     """Leave UNCALIBRATED for CALIBRATING, or say why not; `indexes` pulses a joint, 0 for the default."""
     if not has_table(params):
@@ -236,7 +245,7 @@ def _obey_calibration(params: ServoParameters, state: ServoState, mail: Any, sto
     calibrations = load_acquire(mail.command, "calibrations")
     asked = calibrations != state.calibrates_seen
     state.calibrates_seen = calibrations
-    if mode == CALIBRATING and stopped and state.cal.stage < LOADING:
+    if mode == CALIBRATING and stopped and not _loads_counters(state):
         report_event(state, CAL_STOPPED, state.cal.joint_now)
         hold_position(state)
         set_mode(state, UNCALIBRATED)
@@ -283,10 +292,10 @@ def _leave_fault(params: ServoParameters, state: ServoState, mail: Any, now_ns: 
 
 @lean_kernel
 def _power_off(params: ServoParameters, state: ServoState, mail: Any, now_ns: int) -> None:
-    """The power request is gone: stop first when moving."""
+    """The power request is gone: stop first when moving, and let counters be loaded."""
     if state.mode in (TRACKING, STOPPING):
         begin_stop(params, state, mail, now_ns, OFF)
-    elif state.mode != FAULTED:
+    elif state.mode != FAULTED and not _loads_counters(state):
         if state.mode == CALIBRATING:
             report_event(state, CAL_STOPPED, state.cal.joint_now)
         set_mode(state, OFF)

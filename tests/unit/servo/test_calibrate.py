@@ -358,6 +358,27 @@ def test_a_stop_while_the_counters_are_loaded_lets_them_be_and_the_arm_stays_hel
     assert rig.exact()
 
 
+@pytest.mark.parametrize("stops", [False, True])
+@pytest.mark.parametrize("cycles", range(4))
+def test_power_that_is_taken_while_the_counters_are_loaded_goes_once_they_are(cycles: int, stops: bool) -> None:
+    """As Ctrl-C of `qrobot calibrate` does it, which stops the arm as well."""
+    rig = CalibratingRig().calibrating(until=Stage.SETTLING)
+    while rig.state.cal.still + 1 < rig.params.settle_cycles:
+        rig.ticks(1)
+    rig.compute()
+    assert rig.stage is Stage.LOADING
+    rig.ticks(cycles)
+    if stops:
+        rig.mailbox.request_stop()
+    rig.mailbox.request_power(False)
+    rig.compute()
+    rig.run_for(0.2)
+    assert rig.mode is Mode.OFF
+    assert not rig.emulator.powered
+    assert rig.emulator.calibrated
+    assert rig.exact()
+
+
 def test_an_arm_one_of_whose_joints_counts_the_other_way_with_its_potentiometer_is_calibrated() -> None:
     phase, each = PUMA.transmission.index_phase, PUMA.transmission.counts_per_rev
     transmission = PUMA.transmission.model_copy(
