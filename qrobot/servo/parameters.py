@@ -35,6 +35,7 @@ UNCHANGED_IMAGES: Final = 4  # so many cycles without a new image are never held
 POWER_TIMEOUT_NS: Final = 3 * NS_PER_S
 GUARDIAN_PERIODS: Final = 2  # the guardian's heartbeat may be as old as so many of its bounds
 PUT_BACK_NS: Final = NS_PER_S  # by which the time of an emulated arm is put back at once, at most [A]
+STANDSTILL_RAD_S: Final = 0.05  # faster than this the arm is not at rest: no power, no zero of its force sensor
 SHORTEST_STOP_S: Final = 0.02
 ADC_PATIENCE_NS: Final = 20_000_000  # a conversion takes microseconds, its way through a slow bus milliseconds
 ADC_PATIENCE_CYCLES: Final = 8

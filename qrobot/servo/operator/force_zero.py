@@ -15,11 +15,12 @@ from qrobot.arrays import Floats
 from qrobot.errors import QRobotError
 from qrobot.modecodes import Mode
 from qrobot.servo.memory.mailbox import ServoMailbox
-from qrobot.servo.memory.published_state import FLAG_AT_REST
 from qrobot.servo.modes import mode_name
+from qrobot.servo.parameters import STANDSTILL_RAD_S
 from qrobot.servo.settings import ServoSettings
 
 READINGS: Final = 40  # [A] of each channel, some of which are of the same conversion
+MOST_SCATTER_V: Final = 0.1  # [A] deviation of a channel's readings; a converter of 8 bits between two steps has 0.04
 MOST_VOLTS: Final = 9.9  # [A] of the converter's 10: beyond, the sensor is overloaded or its cable is off
 
 
@@ -48,7 +49,7 @@ def zero_force(servo: Sensing, pause: Callable[[], None]) -> dict[int, float]:
         pause: called between two readings.
 
     Raises:
-        QRobotError: the arm has no force sensor, is not at rest, or a channel has no value that could be a zero.
+        QRobotError: the arm has no force sensor, is not at rest, or a channel shows what can be no zero.
     """
     sensor = servo.settings.force_sensor
     if sensor is None:
@@ -59,11 +60,16 @@ def zero_force(servo: Sensing, pause: Callable[[], None]) -> dict[int, float]:
         readings.append(np.array(servo.volts[channels]))
         pause()
     zero = np.mean(readings, axis=0)
-    for channel, volts in zip(channels, zero.tolist(), strict=True):
+    for channel, volts, scatter in zip(channels, zero.tolist(), np.std(readings, axis=0).tolist(), strict=True):
         if not abs(volts) <= MOST_VOLTS:
             raise QRobotError(
                 f"channel {channel} of the force sensor shows {volts:.3g} V, which is no zero: "
                 "check its cable and its load"
+            )
+        if scatter > MOST_SCATTER_V:
+            raise QRobotError(
+                f"channel {channel} of the force sensor scatters by {scatter:.2g} V about {volts:.3g} V: "
+                "does somebody touch the arm, or does its load swing?"
             )
     servo.force_zero[channels] = zero  # a cycle in between may see some of the old ones, once
     return dict(zip(channels, zero.tolist(), strict=True))
@@ -74,5 +80,5 @@ def _insist_on_rest(servo: Sensing) -> None:
     snapshot = servo.mailbox.snapshot()
     if snapshot.mode not in (Mode.OFF, Mode.HOLDING):
         raise QRobotError(f"not in mode {mode_name(snapshot.mode)}: a force sensor is zeroed while the arm is at rest")
-    if not snapshot.flags & FLAG_AT_REST:
+    if not np.all(np.abs(snapshot.v) <= STANDSTILL_RAD_S):
         raise QRobotError("the arm moves: a force sensor is zeroed while it is at rest")

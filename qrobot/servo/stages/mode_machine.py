@@ -31,7 +31,7 @@ from qrobot.servo.memory.setpoint_queue import POSITION_SETPOINT, TORQUE_SETPOIN
 from qrobot.servo.memory.stop_record import CODE as INCIDENT_CODE
 from qrobot.servo.memory.stop_record import note_incident
 from qrobot.servo.modes import gives_torque, set_mode, wants_power
-from qrobot.servo.parameters import PUT_BACK_NS, ServoParameters
+from qrobot.servo.parameters import PUT_BACK_NS, STANDSTILL_RAD_S, ServoParameters
 from qrobot.servo.stages.collision_stop import begin_yielding, forget_yielding
 from qrobot.servo.stages.setpoint_stream import (
     REFUSALS,
@@ -78,7 +78,6 @@ LOADING: Final = int(Stage.LOADING)  # the stages from here on move nothing
 
 # A clear that cannot be granted at once is tried for this long (the guardian needs a cycle to hand back the board).
 CLEAR_PATIENCE_NS: Final = 100_000_000
-STANDSTILL_RAD_S: Final = 0.05  # faster than this the arm is not at rest: no power
 
 
 @lean_kernel

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from itertools import cycle
 from types import SimpleNamespace
 
 import numpy as np
@@ -21,7 +22,6 @@ from qrobot.rccl.c.variables import ADC_NONE, reading
 from qrobot.rccl_bridge.mailbox_port import MailboxPort
 from qrobot.rig.lockstep import LockstepRig
 from qrobot.servo.kernels.wrench import measure_wrench, wrench_params
-from qrobot.servo.memory.published_state import FLAG_AT_REST
 from qrobot.servo.operator.force_zero import zero_force
 from qrobot.servo.settings import ServoSettings
 from qrobot.sim_board.emulator import Emulator
@@ -152,12 +152,12 @@ def measured_now(rig: LockstepRig) -> np.ndarray:
     return wrench
 
 
-def resting(mode: Mode = Mode.HOLDING, flags: int = FLAG_AT_REST, **volts: float) -> SimpleNamespace:
+def resting(mode: Mode = Mode.HOLDING, v: float = 0.0, **volts: float) -> SimpleNamespace:
     """A servo process with a volt at each channel but those given, as zeroing sees it."""
     shown = np.array([volts.get(f"channel{k}", 1.0) for k in range(8)])
     return SimpleNamespace(
         settings=ServoSettings(force_sensor=calibration_of_emulated(ALL_SIX)),
-        mailbox=SimpleNamespace(snapshot=lambda: SimpleNamespace(mode=mode, flags=flags)),
+        mailbox=SimpleNamespace(snapshot=lambda: SimpleNamespace(mode=mode, v=np.array([0.0, v]))),
         volts=shown,
         force_zero=np.zeros(8),
     )
@@ -166,7 +166,8 @@ def resting(mode: Mode = Mode.HOLDING, flags: int = FLAG_AT_REST, **volts: float
 @pytest.mark.parametrize(
     ("servo", "complaint"),
     [
-        (resting(flags=0), "the arm moves"),
+        (resting(v=-0.06), "the arm moves"),
+        (resting(v=math.nan), "the arm moves"),
         (resting(mode=Mode.TRACKING), "not in mode TRACKING"),
         (resting(mode=Mode.STOPPING), "not in mode STOPPING"),
         (resting(channel3=math.nan), "channel 3 of the force sensor shows nan V"),
@@ -188,6 +189,35 @@ def test_an_arm_that_begins_to_move_meanwhile_is_not_zeroed() -> None:
             servo.mailbox = resting(mode=Mode.TRACKING).mailbox
 
     with pytest.raises(QRobotError, match="TRACKING"):
+        zero_force(servo, pause)
+    assert not servo.force_zero.any()
+
+
+@pytest.mark.parametrize("powered", [False, True])
+def test_an_arm_whose_wrist_somebody_turns_is_not_zeroed(powered: bool) -> None:
+    """Its reference stands still all the while, with power and without."""
+    rig = held(force_sensor=calibration_of_emulated(ALL_SIX))
+    rig.mailbox.request_power(powered)
+    rig.run_for(0.5)
+    assert rig.mailbox.snapshot().mode == (Mode.HOLDING if powered else Mode.OFF)
+    rig.board.panel.push[5], before = 3_000_000, rig.state.force_zero.tolist()
+    with pytest.raises(QRobotError, match="the arm moves"):
+        zero_force(sensing(rig), lambda: rig.ticks(5))
+    assert rig.state.force_zero.tolist() == before
+
+
+@pytest.mark.parametrize(("swing_v", "zeroed"), [(0.08, True), (0.12, False)])
+def test_readings_that_swing_are_no_zero(swing_v: float, zeroed: bool) -> None:
+    servo = resting()
+    swings = cycle((swing_v, -swing_v))
+
+    def pause() -> None:
+        servo.volts[4] = 1.0 + next(swings)
+
+    if zeroed:
+        assert zero_force(servo, pause)[4] == pytest.approx(1.0, abs=0.01)
+        return
+    with pytest.raises(QRobotError, match=r"channel 4 of the force sensor scatters by 0\.1\d V about 1 V"):
         zero_force(servo, pause)
     assert not servo.force_zero.any()
 
