@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from qrobot.errors import LinkError
@@ -11,7 +10,6 @@ if TYPE_CHECKING:
     from qrobot.arcl.robot import ArclRobot
 
 _open: list[ArclRobot] = []
-_listeners: list[Callable[[], None]] = []
 
 
 def open_robots() -> list[ArclRobot]:
@@ -35,14 +33,3 @@ def newest() -> ArclRobot:
     if not _open:
         raise LinkError("no robot is open; call arcl_open first")
     return _open[-1]
-
-
-def listen_while_waiting(listen: Callable[[], None] | None) -> None:
-    """Call `listen` at every sample for which this program waits; it raises what ends the waiting. None for nothing."""
-    _listeners[:] = [] if listen is None else [listen]
-
-
-def listen_once() -> None:
-    """Call what `listen_while_waiting` was given."""
-    for listen in _listeners:
-        listen()

@@ -16,7 +16,7 @@ from qrobot.arcl.kinematics import ManipulatorKinematics
 from qrobot.arcl.line_calls import LineCalls
 from qrobot.arcl.machine import MachineSample, RobotMachine
 from qrobot.arcl.motion import Motion, MotionFeedback
-from qrobot.arcl.opened import forget, listen_once
+from qrobot.arcl.opened import forget
 from qrobot.arcl.options import MotionOptions
 from qrobot.arcl.path_calls import PathCalls
 from qrobot.arcl.positions import Pos, joints_of
@@ -31,6 +31,7 @@ from qrobot.config import Robot
 from qrobot.errors import ConfigError, LinkError, MotionError, QRobotError, ServoFault, letting_go
 from qrobot.fences.in_force import fences_for
 from qrobot.motion import Trsf, whole_samples
+from qrobot.rci.listening import heard, heard_on_leaving
 from qrobot.rci.machine_choice import machine_choice
 from qrobot.units import MM_PER_M, S_PER_MS
 
@@ -211,7 +212,6 @@ class ArclRobot(PathCalls, LineCalls):
         standstill = ArclStandstill(self)
 
         def done() -> bool:
-            listen_once()
             self._raise_error()
             if not self._motions.busy if predicate is None else predicate():
                 return True
@@ -219,7 +219,7 @@ class ArclRobot(PathCalls, LineCalls):
             return False
 
         try:
-            self.ami.wait(done)
+            self.ami.wait(heard(done))
         except (LinkError, ServoFault) as error:
             self._tell_loss(error)
             raise
@@ -250,7 +250,7 @@ class ArclRobot(PathCalls, LineCalls):
         teaching = Teaching(self, function)
         self._begin_at(self.ami.lend(lambda links: teaching.give(pendant, links, self._robot)))
         before = self.ami.sample
-        self.ami.wait(lambda: self.ami.sample is not before)
+        self.ami.wait(heard(lambda: self.ami.sample is not before))
         return teaching.end()
 
     # ------------------------------------------------------------------------------------------------------- end
@@ -286,11 +286,14 @@ class ArclRobot(PathCalls, LineCalls):
         self._closed = True
         try:
             if self.ami.error is None:
-                with letting_go(lambda: self.ami.wait(lambda: not self._motions.busy)), self.ami.lock():
+                with letting_go(lambda: self.ami.wait(heard_on_leaving(self._rests))), self.ami.lock():
                     self._motions.stop(0.0)  # at rest it may still follow a frame that moves
         finally:
             with letting_go(self._forgotten):
                 self.ami.close(power_off)
+
+    def _rests(self) -> bool:
+        return not self._motions.busy
 
     def _forgotten(self) -> None:
         """The program has it no more: what asks for the robots that are open does not find it."""

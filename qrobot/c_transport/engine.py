@@ -25,6 +25,7 @@ from qrobot.c_transport.message import BRIEF, SIZE, VERSION, CallMessage, Op, de
 from qrobot.c_transport.program_link import CallDispatcher, MakeDispatcher, ProgramLink
 from qrobot.c_transport.usable_time import UsableTime
 from qrobot.errors import ConfigError, LinkLost, LinkTimeout, QRobotError
+from qrobot.rci.listening import listening
 
 GLOBALS: Final = 13  # places of RCCL that the greeting names before that of the callback slot
 LANGUAGE: Final = 14  # where it says which library the program calls: an index into what `serve` is given
@@ -229,8 +230,9 @@ def _converse(front: Foreground, back: Background, languages: Sequence[MakeDispa
     back.dispatcher = dispatcher = make(memory, hello.refs, link)
     front.send(CallMessage(Op.REPLY))
     try:
-        while True:
-            front.send(_answer(dispatcher, front.receive()))
+        with listening(front.listen):
+            while True:
+                front.send(_answer(dispatcher, front.receive()))
     except ProgramGone:
         if front.has_ended():
             back.end()

@@ -17,6 +17,7 @@ from qrobot.rccl.trace import Trace
 from qrobot.rci import Link
 from qrobot.rci.arm_settings import ArmSettings
 from qrobot.rci.bad_end import at_bad_end, stop_each, stopping
+from qrobot.rci.listening import heard, heard_on_leaving, is_listening
 from qrobot.rci.sample_drivers import driver_for
 from qrobot.rci.sampled_task import SampleDriver
 from qrobot.wire import RobotState, Signals
@@ -160,6 +161,13 @@ class ArmSession:
         On virtual time MotionError as well: an arm stands still until somebody lets it go on, and nobody will. One that
         is not `ours` is called in the thread of the program.
         """
+        self._wait(heard(predicate), ours and not is_listening())
+
+    def _wait_on_leaving(self, predicate: Callable[[], bool]) -> None:
+        """`wait` while the arm comes to rest: the end of the program ends that wait no sooner."""
+        self._wait(heard_on_leaving(predicate), not is_listening())
+
+    def _wait(self, predicate: Callable[[], bool], ours: bool) -> None:
         try:
             self._driver.wait(self._watched(predicate) if self._link.virtual_time else predicate, ours)
         except BaseException as error:
@@ -195,15 +203,15 @@ class ArmSession:
         if (group := self._task.group) is not None:
             with self._driver.lock():
                 group.rest_with(self._task)  # what this arm holds together with others rests before it is let go of
-            self.wait(lambda: not group.carries(self._task))
+            self._wait_on_leaving(lambda: not group.carries(self._task))
         with self._driver.lock():
             self._task.stop()  # at rest it may still follow a frame that moves
-        self.wait(lambda: not self._task.eventful)
+        self._wait_on_leaving(lambda: not self._task.eventful)
 
     def _leave(self, power_off: bool) -> None:
         with self._driver.lock():
             self._task.leave(power_off)
-        self.wait(lambda: self._task.left)
+        self._wait_on_leaving(lambda: self._task.left)
 
     def _tell_error(self) -> None:
         if self._driver.error is not None and not self._error_told:

@@ -11,7 +11,7 @@ import pytest
 from qrobot.motion import Termination
 from qrobot.rccl.c.program import run_executable
 from qrobot.rccl.trace import Trace
-from tests.support.c_programs import compiled_text, needs_compiler, offline
+from tests.support.c_programs import compiled_text, keyboard, needs_compiler, offline
 
 pytestmark = [needs_compiler, pytest.mark.usefixtures("own_cache")]
 
@@ -159,6 +159,22 @@ def test_ctrl_c_stops_the_arm_in_its_last_motions_too(folder: Path, capfd) -> No
     assert "interrupted; the arm is brought to rest" in capfd.readouterr().err
     assert trace.requests[-1].code == Termination.STOPPED
     assert len(trace.setpoints.q) < 100  # of 5.4 s
+
+
+@pytest.mark.parametrize(("call", "typed"), [("sample(20.);", ""), ("stepmode();", "world dx 0\n")])
+def test_ctrl_c_stops_the_arm_while_a_call_waits_for_its_motions(call: str, typed: str, folder: Path, capfd) -> None:
+    text = f"""
+    #include <signal.h>
+    #include <unistd.h>
+    int left;
+    each() {{ if (left && how.time > 1500.) {{ left = 0; kill(getpid(), SIGINT); }} }}
+    main() {{ control(each); setime(200., 5000.); move(goal()); move(park); left = 1; {call} }}
+    """
+    with keyboard(typed):
+        status, traces = ended(text, folder)
+    assert status == 130
+    assert traces[0].requests[0].code == Termination.STOPPED
+    assert len(traces[0].setpoints.q) < 100  # of 10.8 s
 
 
 def test_a_second_update_of_a_transform_by_one_motion_is_refused(folder: Path, capfd) -> None:

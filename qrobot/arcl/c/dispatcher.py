@@ -10,7 +10,6 @@ from qrobot.arcl.c.calls import CALLS, WAITING, check_values
 from qrobot.arcl.c.cell import FunctionCell
 from qrobot.arcl.c.objects import ObjectTable
 from qrobot.arcl.c.values import CallArguments
-from qrobot.arcl.opened import listen_while_waiting
 from qrobot.arcl.program import end_all
 from qrobot.c_transport.memory import ProgramMemory
 from qrobot.c_transport.message import CallMessage, Op
@@ -33,7 +32,6 @@ class ArclDispatcher:
         self._objects = ObjectTable(memory)
         self._cell = FunctionCell(memory, places[CELL], self._objects, link.call)
         self._words: list[str] = []
-        listen_while_waiting(link.listen)
 
     def answer(self, message: CallMessage, background: bool = False) -> CallMessage:
         """See `CallDispatcher.answer`."""
@@ -57,7 +55,6 @@ class ArclDispatcher:
 
     def let_go(self) -> None:
         """See `CallDispatcher.let_go`."""
-        listen_while_waiting(None)
         try:
             end_all(well=False)
         except QRobotError:  # of a program that is not there any more

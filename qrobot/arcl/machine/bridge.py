@@ -27,6 +27,7 @@ from qrobot.rci.arm_settings import ArmSettings
 from qrobot.rci.descriptor import HOST, NO_BIT, TaskDescriptor, local_area
 from qrobot.rci.environment import environment
 from qrobot.rci.link import Link, LinkFactory, check_welcome, hello_for, sample_period_us
+from qrobot.rci.listening import heard, heard_on_leaving
 from qrobot.rci.robot_cycle import SERVO_AWAY, CycleHooks, CyclePhase, RobotCycle
 from qrobot.rci.robot_data import KnownRobot, RobotData
 from qrobot.rci.sample_drivers import driver_for
@@ -78,7 +79,7 @@ class BridgeMachine:
         self._keeper: PathKeeper | None = None
         name = settings.robot.name
         self._arm_settings = ArmSettings(
-            name, lambda: self._link, self.lock, self.wait, lambda: self._robot.samples, lambda: self.td.heard
+            name, lambda: self._link, self.lock, self._wait_heard, lambda: self._robot.samples, lambda: self.td.heard
         )
 
     def open(self) -> Floats:
@@ -117,7 +118,7 @@ class BridgeMachine:
             self._driver = driver_for(self._link, self, "arcl-trajectory", tell_again, SAMPLED, before)
             self._driver.start()
             self._arm_settings.tell_again()
-            self.wait(lambda: self._robot.phase is CyclePhase.FOLLOWING)
+            self.wait(heard(lambda: self._robot.phase is CyclePhase.FOLLOWING))
         except BaseException as error:
             self._link.close(str(error))
             if self._driver is not None:
@@ -156,6 +157,9 @@ class BridgeMachine:
     def wait(self, predicate: Callable[[], bool]) -> None:
         """See `RobotMachine.wait`."""
         self._held.wait(predicate)
+
+    def _wait_heard(self, predicate: Callable[[], bool]) -> None:
+        self.wait(heard(predicate))
 
     @property
     def _held(self) -> SampleDriver:
@@ -203,7 +207,7 @@ class BridgeMachine:
             if self.error is None:
                 with self.lock():
                     self._robot.stop(power_off)
-                self.wait(lambda: self._robot.phase is CyclePhase.LEFT)
+                self.wait(heard_on_leaving(lambda: self._robot.phase is CyclePhase.LEFT))
         finally:
             if self._driver is not None:
                 self._driver.end()
