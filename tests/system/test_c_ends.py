@@ -56,7 +56,7 @@ def test_motions_that_wait_when_a_program_ends_are_done_first(program, folder: P
     [
         ("main() { move(park); move(goal()); return 3; }", 3, "ended with status 3: 2 motions were not done"),
         ("main() { move(goal()); release(); return 0; }", 0, "release: 1 motion was not done"),
-        ("main() { move(goal()); terminate = YES; }", 1, "the program has set `terminate`"),
+        ("main() { move(goal()); terminate = YES; }", 1, "the program has set `terminate`: 1 motion was not done"),
     ],
 )
 def test_a_program_that_ends_otherwise_stops_the_arm_and_says_what_was_left(
@@ -64,6 +64,35 @@ def test_a_program_that_ends_otherwise_stops_the_arm_and_says_what_was_left(
 ) -> None:
     assert ended(program, folder)[0] == status
     assert said in capfd.readouterr().err
+
+
+@pytest.mark.parametrize("motions", [1, 2])
+def test_a_program_that_sets_terminate_while_its_last_motions_are_done_ends_with_status_1(
+    motions: int, folder: Path, capfd
+) -> None:
+    text = f"""
+    each() {{ if (how.time > 1500.) terminate = YES; }}
+    main() {{ mess = "no part"; control(each); setime(200., 5000.); {motions * "move(goal()); "} }}
+    """
+    status, (trace,) = ended(text, folder)
+    said = capfd.readouterr().err
+    assert status == 1
+    assert f"the program has set `terminate`: {motions} motion{'s were' if motions > 1 else ' was'} not done\n" in said
+    assert said.endswith("no part\n")
+    assert not arrived([trace])
+    assert len(trace.setpoints.q) < 100  # of 5.4 s and more
+
+
+def test_a_program_that_sets_terminate_when_all_is_done_ends_with_status_1(folder: Path, capfd) -> None:
+    text = """
+    POS_PTR p;
+    each() { if (p && p->code) terminate = YES; }
+    main() { control(each); move(p = goal()); }
+    """
+    status, traces = ended(text, folder)
+    assert status == 1
+    assert capfd.readouterr().err.endswith(": the program has set `terminate`\n")
+    assert arrived(traces)
 
 
 @pytest.mark.parametrize(

@@ -23,6 +23,7 @@ from qrobot.rccl.c.dispatcher import FIELDS, OBJECTS
 from qrobot.rccl.c.object_registry import ObjectRegistry, UnknownError
 from qrobot.rccl.c.recorded_transforms import RecordedTransforms
 from qrobot.rccl.c.shared import SharedTransform
+from qrobot.rccl.c.undone import terminated, undone
 from qrobot.rccl.position import Position, Separator, there
 from qrobot.rci.bad_end import stop_all
 
@@ -52,6 +53,7 @@ class ManipDispatcher:
         self.recorded = RecordedTransforms(self.objects, link.say)
         self._program = ManipProgram()
         self._manips: dict[int, SharedManip] = {}
+        self._dropped = 0  # motions of arms, because of `terminate`
 
     def answer(self, message: CallMessage, background: bool = False) -> CallMessage:
         """Do what is asked, in a function that is called at a sample if `background`.
@@ -63,9 +65,10 @@ class ManipDispatcher:
             raise MotionError(f"{op.name.lower()}: {OTHER_RELEASE}")
         if background and call.waits:
             raise MotionError("a function that is called at a sample must not wait, nor take or release an arm")
-        if not background and self._terminate[0] and op is not Op.RELEASE:
-            self.let_go()
-            raise MotionError("the program has set `terminate`")
+        if not background and self._terminate[0]:
+            with letting_go(self.let_go):
+                left = self._dropped + self._unserved()
+            raise terminated(left)
         if not background:
             _skip(list(self._manips.values()))
         try:
@@ -92,6 +95,7 @@ class ManipDispatcher:
         self._show()
         shared.take_outputs(arm)
         if self._terminate[0]:
+            self._dropped += arm.channel.unserved
             arm.cancel(0.0)
         _skip([shared, *(each for each in list(self._manips.values()) if not isinstance(each.manip, RobotManip))])
 
@@ -151,8 +155,13 @@ class ManipDispatcher:
         with letting_go(self.let_go):
             for channel in arms if message.n else ():
                 channel.finish(self._link.listen)
-            left = sum(channel.unserved for channel in arms)
-        return CallMessage(Op.REPLY, text=f"{left} motion{'s were' if left > 1 else ' was'} not done" if left else "")
+            if message.n and self._terminate[0]:
+                raise terminated(self._dropped)
+            left = self._unserved()
+        return CallMessage(Op.REPLY, text=undone(left))
+
+    def _unserved(self) -> int:
+        return sum(arm.channel.unserved for arm in self._program.robots)
 
     # -------------------------------------------------------------------------------------------------- positions
 

@@ -17,6 +17,7 @@ from qrobot.rccl.c.call_row import OBJECT_CALLS, CallReply, CallRow, on_objects
 from qrobot.rccl.c.object_registry import ObjectRegistry, UnknownError
 from qrobot.rccl.c.recorded_transforms import RecordedTransforms
 from qrobot.rccl.c.shared import SharedPosition
+from qrobot.rccl.c.undone import terminated, undone
 from qrobot.rccl.c.variables import Variables
 from qrobot.rccl.channel import Channel
 from qrobot.rccl.jog import STEPPING_HELP, Stepper
@@ -51,6 +52,7 @@ class Dispatcher:
         self._functions: tuple[int, ...] = ()
         self._arm: Channel | None = None
         self._leaving = False
+        self._dropped = 0  # motions, because of `terminate`
 
     @property
     def arm(self) -> Channel:
@@ -102,6 +104,7 @@ class Dispatcher:
             self._variables.take_command(arm)
             self._variables.take_outputs(arm)
         if self._variables.terminate:
+            self._dropped += arm.unserved
             arm.stop()
         else:
             self._skip(arm)
@@ -111,8 +114,9 @@ class Dispatcher:
         if self._arm is None:
             return
         if self._variables.terminate:
-            self.let_go()
-            raise MotionError("the program has set `terminate`")
+            with letting_go(self.let_go):
+                left = self._dropped + self._arm.unserved
+            raise terminated(left)
         self._skip(self._arm)
 
     def _skip(self, arm: Channel) -> None:
@@ -149,8 +153,10 @@ class Dispatcher:
         with letting_go(self.let_go):
             if message.n and self._arm is not None:
                 self._arm.finish(self._link.listen)
+                if self._variables.terminate:
+                    raise terminated(self._dropped)
             left = 0 if self._arm is None else self._arm.unserved
-        return CallMessage(Op.REPLY, text=f"{left} motion{'s were' if left > 1 else ' was'} not done" if left else "")
+        return CallMessage(Op.REPLY, text=undone(left))
 
     def let_go(self) -> None:
         """Bring the arm to rest and release it, if there is one. Raises what ended control of it before."""
