@@ -9,6 +9,7 @@ from qrobot.arcl.events import CallbackAnswer
 from qrobot.arcl.opened import open_robots
 from qrobot.arcl.vectors import require_name
 from qrobot.errors import MotionError
+from qrobot.rci.listening import is_listening
 
 _LOOK_S: Final = 0.5
 
@@ -51,6 +52,8 @@ class Semaphore:
         if robots:
             robots[0].wait(self.take)
             return
+        if is_listening():  # of a program in C: no other thread of it can ask before this call is done
+            raise MotionError(f"sem_pend: no robot is open, so nothing is left that could set {self.name}")
         with self._changed:
             while not self._changed.wait_for(lambda: self._set, _LOOK_S):
                 pass

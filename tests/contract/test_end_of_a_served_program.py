@@ -187,6 +187,11 @@ def test_all_arms_begin_to_stop_at_the_next_sample_when_the_program_ends_in_a_ca
         assert not np.ptp(list(own.values())[-2:], axis=0).any()
 
 
+def test_a_semaphore_that_nobody_can_set_is_not_waited_for_without_a_robot() -> None:
+    with listening(lambda: None), pytest.raises(MotionError, match="nothing is left that could set never"):
+        sem_pend(new_sem("never", value=False))
+
+
 def test_no_arm_is_taken_for_a_program_that_has_ended() -> None:
     """Nobody would be there to whom its power is of use."""
     ended, undisturbed = (run(PROGRAMS["rccl_control"], ends) for ends in (True, False))
