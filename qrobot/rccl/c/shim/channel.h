@@ -28,6 +28,12 @@ int rccl_has_manipulators(void) __attribute__((weak));
 /* start.c of rci.h, in programs that have tasks of RCI: 1 when those run on virtual time. */
 int rci_is_virtual(void) __attribute__((weak));
 
+/* program.c of rci.h: lets the arms of all tasks begin to come to rest, in a handler of a signal too. */
+void rci_begin_stop(void) __attribute__((weak));
+
+/* program.c of rci.h: has tasks closed at exit, behind what is registered later. */
+void rci_close_at_exit(void) __attribute__((weak));
+
 /* Weak: a program may have a function of that name itself. */
 #define API __attribute__((weak))
 /* Variables that the engine sees too. They fill whole pages of memory, so that none of the program's own lies on one. */

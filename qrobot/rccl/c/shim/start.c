@@ -51,6 +51,14 @@ static void begin_to_end(void)
     over = 1;
 }
 
+/* At a bad end no arm goes on until that of another library rests. Safe in a handler: whoever holds the lock of the tasks
+ * has all signals blocked. */
+static void stop_tasks(void)
+{
+    if (rci_begin_stop)
+        rci_begin_stop();
+}
+
 /* Async-signal-safe. */
 static void farewell(void)
 {
@@ -75,6 +83,7 @@ void shim_stay(void)
 void shim_die(const char *text)
 {
     shim_stay(); /* it fails because the program ends */
+    stop_tasks();
     fflush(stdout);
     fprintf(stderr, "%s: %s\n", program_invocation_short_name, text);
     shim_say_mess();
@@ -110,6 +119,8 @@ static void leave(int status, void *unused)
     (void) unused;
     if (!reached || owner != getpid())
         return;
+    if (status != 0 || !orderly)
+        stop_tasks();
     if (orderly) {
         begin_to_end();
         m.n = status == 0;
@@ -124,9 +135,12 @@ static void leave(int status, void *unused)
         pthread_join(background, NULL);
 }
 
-/* Before main, so that the program's own handlers of exit() run while the arm is still its own. */
+/* Before main, so that the program's own handlers of exit() run while the arm is still its own. Tasks of RCI are closed
+ * behind it, which takes time. */
 __attribute__((constructor)) static void leave_at_exit(void)
 {
+    if (rci_close_at_exit)
+        rci_close_at_exit();
     on_exit(leave, NULL);
 }
 
@@ -134,6 +148,7 @@ __attribute__((constructor)) static void leave_at_exit(void)
 static void on_signal(int number)
 {
     if (owner == getpid() && ++interrupts == 1) {
+        stop_tasks();
         say_now(number == SIGINT ? "\n" : "");
         say_now(program_invocation_short_name);
         say_now(": interrupted; the arm is brought to rest\n");

@@ -169,6 +169,13 @@ void rci_let_pass(void);
 /* rccl/c/shim/start.c, in programs that call RCCL or ARCL: 1 when an arm is to be moved by them. */
 int shim_has_engine(void) __attribute__((weak));
 
+/* start.c */
+void rci_begin_release(RCI_TASK *td, int power_off);
+
+/* program.c, for RCCL and ARCL */
+void rci_close_at_exit(void);
+void rci_begin_stop(void);
+
 /* share.c */
 struct mailbox *rci_mailbox(void);
 void rci_mailbox_free(struct mailbox *mailbox);

@@ -56,16 +56,31 @@ void rci_unlock(void)
         pthread_sigmask(SIG_SETMASK, &mask_before, NULL);
 }
 
-static void close_at_exit(void)
+static void close_in_parent(void)
 {
     if (rci_program.begun && pthread_equal(pthread_self(), rci_program.parent_thread) && rci_current == NULL)
         rci_close();
 }
 
-/* Before main, so that the program's own handlers of exit() still have its tasks. */
-__attribute__((constructor)) static void register_close(void)
+/* Before main, so that the program's own handlers of exit() still have its tasks. For RCCL, which comes before. */
+__attribute__((constructor)) void rci_close_at_exit(void)
 {
-    atexit(close_at_exit);
+    static int registered;
+
+    if (!registered)
+        atexit(close_in_parent);
+    registered = 1;
+}
+
+/* For RCCL and ARCL: let all arms begin to come to rest, and wait for none. */
+void rci_begin_stop(void)
+{
+    if (!rci_program.begun)
+        return;
+    rci_lock();
+    for (int i = 0; i < rci_program.n_tasks; i++)
+        rci_begin_release(rci_program.tasks[i], 0);
+    rci_unlock();
 }
 
 static void make_lock(void)

@@ -262,7 +262,8 @@ int rci_start(unsigned long mask)
 
 /* ----------------------------------------------------------------------------------------------------------- release */
 
-static void begin_release(RCI_TASK *td, int power_off)
+/* The lock is held. */
+void rci_begin_release(RCI_TASK *td, int power_off)
 {
     struct rci_inside *in = td->inside;
 
@@ -314,7 +315,7 @@ static int release(unsigned long mask, int power_off, const char *call)
         return -1;
     rci_lock();
     while ((td = next_of(mask, &index)) != NULL)
-        begin_release(td, power_off);
+        rci_begin_release(td, power_off);
     rci_unlock();
     wake_all(mask);
     wait_for_links(mask);
