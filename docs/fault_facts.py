@@ -140,7 +140,8 @@ FACTS: Final = {
     F.CAL_MOVED: Fact(GENTLE, f"{CALIBRATE}::test_an_arm_that_is_shaken_is_not_loaded"),
     F.CAL_NO_TABLE: Fact("calibration is refused", f"{CALIBRATE}::test_without_a_table_it_says_so_and_holds_as_ever"),
     F.IO_LOST: Fact(
-        "the cycle after its time-out; told while the arm is held or moves, and nothing stops",
+        "the cycle after its time-out, or after the interface has failed; told while the arm is held or moves, and "
+        "nothing stops",
         f"{WATCHES}::test_a_lost_module_is_told_of_once_and_stops_nothing",
         False,
     ),

@@ -321,7 +321,7 @@ def record(
     output
         Directory for the logs, overriding the file; or a new file (.mcap) for the log of the first servo found.
     max_megabytes
-        Size at which the next part of a log begins.
+        Size at which the next part of a log begins; a quarter of keep_gb where that is less.
     keep_gigabytes
         Remove the oldest files of the arm's logs when all together would be more, overriding the file's keep_gb.
     plant

@@ -17,6 +17,7 @@ from typing import Annotated, Any, Final
 
 from cyclopts import Parameter
 
+from qrobot.config.deployment import LEAST_GB, MOST_GB
 from qrobot.errors import ConfigError, LogError, error_text
 from qrobot.extras import missing_extra
 from qrobot.log.topics import part_path
@@ -34,7 +35,6 @@ MOST_POSES: Final = 1_000  # [A] a plan of 24 takes minutes
 MOST_WORKERS: Final = 1_024  # [A] processes of one machine
 MOST_FACTOR: Final = 100.0  # [A] of a study's grid of gains
 MOST_LOAD_KG: Final = 1_000.0  # [A] of a weighed load
-LEAST_GB, MOST_GB = 0.01, 1e6  # [A] of all logs of an arm
 MOST_MB: Final = 1e9  # [A]
 LEAST_MB: Final = 0.1  # [A] a part of a log has a header and files of some tens of kilobytes
 

@@ -233,7 +233,7 @@ def run_live(
     from qrobot.realtime.startup_order import await_turn
 
     await_turn()
-    for arm in arms:
+    for arm in arms:  # now: a generator in a process of its own knows the address of its bridge alone
         insist_on_arm((arm.bridge.host, arm.bridge.port), arm.name)
     links = links_of(arms, link_of)
     with rci.use(links, virtual_time=False):

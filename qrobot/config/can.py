@@ -32,12 +32,17 @@ class CanTransport(Table):
     @property
     def places(self) -> frozenset[str]:
         """The bus of the board's node."""
-        return frozenset([can_bus(self.interface, self.channel)])
+        return frozenset([can_bus_words(self.interface, self.channel)])
 
 
-def can_bus(interface: str, channel: str) -> str:
+def multicast_place(channel: str) -> tuple[str, str]:
+    """Group and port that a channel of `udp_multicast` names."""
+    group, _, port = channel.partition("/")
+    return group, port or str(MULTICAST_PORT)
+
+
+def can_bus_words(interface: str, channel: str) -> str:
     """Words for a bus, which one arm alone can have: what it sends as SYNC makes all nodes act, and feeds watchdogs."""
     if interface == MULTICAST:
-        group, _, port = channel.partition("/")
-        channel = f"{group}/{port or MULTICAST_PORT}"
+        channel = "/".join(multicast_place(channel))
     return f"CAN bus {channel} ({interface}), where a SYNC reaches every node"

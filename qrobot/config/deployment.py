@@ -36,6 +36,7 @@ TRANSPORTS = (
 )  # kinds of boards that are not emulated here; each has a table of its name
 EXCHANGES_TO_MISS = 2  # before a servo may take the board behind a gateway for gone
 GUARDIAN_TIMEOUT_MS = 5.0  # as hostmot2's watchdog; 120 s of soak on a loaded PC showed 3.2 ms at worst
+LEAST_GB, MOST_GB = 0.01, 1e6  # [A] of all logs of an arm
 CYCLES_TO_MISS = 2  # from one heartbeat on, before a guardian may take the servo for silent: a cycle may come late
 Millimetres = Annotated[float, Field(ge=-2000, le=2000, allow_inf_nan=False)]
 Velocity = Literal["difference", "observer"]
@@ -278,7 +279,7 @@ class LogChoice(Table):
 
     directory: str = "out"
     black_box_s: float = Field(default=60.0, ge=1, le=600, allow_inf_nan=False)
-    keep_gb: float | None = Field(default=None, ge=0.01, le=1e6, allow_inf_nan=False)
+    keep_gb: float | None = Field(default=None, ge=LEAST_GB, le=MOST_GB, allow_inf_nan=False)
 
 
 class DeployedArm(Table):

@@ -8,7 +8,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from qrobot.arrays import Floats
-from qrobot.config.can import can_bus
+from qrobot.config.can import can_bus_words
 from qrobot.config.document import Table
 from qrobot.config.robot import Robot, counter_ends
 
@@ -53,7 +53,7 @@ class DrivesTransport(Table):
     @property
     def places(self) -> frozenset[str]:
         """The bus of all drives."""
-        return frozenset([can_bus(self.interface, self.channel)])
+        return frozenset([can_bus_words(self.interface, self.channel)])
 
     @model_validator(mode="after")
     def _has_a_number_for_each(self) -> DrivesTransport:

@@ -62,7 +62,7 @@ class FactsBlock:
     now_ns: int = word()  # time of an emulated board's newest sample, shown or not
     dropped: int = word()  # operations that may never have acted: gateway without board, damaged lane
     losses: int = word()  # times a gateway lost the board behind it
-    module_losses: int = word()  # times a remote module beside the board was lost
+    module_losses: int = word()  # times a remote module, or a sensor's interface, beside the board was lost
     slipped_ns: int = word()  # time an emulated board let pass unlived, see `hwif.arm_clock`
     taken_ns: int = word()  # when a gateway asked for the newest image, by our clock; else 0
 

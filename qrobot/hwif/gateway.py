@@ -45,7 +45,8 @@ class Gateway:
         memory: board memory to serve.
         period_ns: time from one exchange to the next, as the servo is told.
         report: takes a line when the board is found or lost.
-        module_losses: how often remote modules beside the board have been lost; told to the servo.
+        module_losses: how often remote modules, and interfaces of sensors, beside the board have been lost; told to the
+            servo.
         held_lines: the board's own outputs that hold when the arm stops, in their bits of DISCRETE.
     """
 

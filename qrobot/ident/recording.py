@@ -52,7 +52,7 @@ def check_recording(robot: Robot, rows: Rows, period_s: float) -> None:
         raise IdentificationError("; ".join(faults) + ". Look at `qrobot log plot`, and record again")
 
 
-def limited(robot: Robot, rows: Rows) -> Bools:
+def _limited(robot: Robot, rows: Rows) -> Bools:
     """True where the torque of a joint was at its limit. Shape (r, n)."""
     clipped = rows["flags"] >> _CLIPPED_BIT & _MOST_JOINTS > 0  # the flags tell how many joints, and not which
     at_limit = np.abs(rows["tau"]) >= _AT_LIMIT * robot.guard.tau_max
@@ -64,10 +64,10 @@ def sound(rows: Rows, period_s: float) -> Bools:
     something else moves. Shape (r,).
     """
     whole = ~_word_at_end(rows).any(axis=1) & (rows["flags"] >> _CLIPPED_BIT == 0)
-    return np.asarray(whole & ~long_dropout(rows, period_s) & ~led(rows).any(axis=1))
+    return np.asarray(whole & ~long_dropout(rows, period_s) & ~_led(rows).any(axis=1))
 
 
-def led(rows: Rows) -> Bools:
+def _led(rows: Rows) -> Bools:
     """True where a joint is driven by torque and moves: a hand leads it, or what a tool touches. Shape (r, n).
 
     Its torque is what the servo makes of the robot file, and nobody knows the hand's share. Its reference is where the
@@ -118,7 +118,7 @@ def _lost(rows: Rows, period_s: float) -> Iterator[str]:
 def _saturated(robot: Robot, rows: Rows, period_s: float) -> Iterator[str]:
     """Joints whose torque was at its limit for more than a moment."""
     under_way = rows["mode"] == Mode.TRACKING
-    at_limit = limited(robot, rows) & under_way[:, None]
+    at_limit = _limited(robot, rows) & under_way[:, None]
     for joint in np.flatnonzero(at_limit.sum(axis=0) > SATURATED_SHARE * max(under_way.sum(), 1)):
         seconds, first = at_limit[:, joint].sum() * period_s, at_limit[:, joint].argmax() * period_s
         yield f"the torque of {robot.joint_names[joint]} was at its limit for {seconds:.1f} s, first at {first:.1f} s"

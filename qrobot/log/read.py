@@ -170,7 +170,7 @@ def _scan_parts(first: Path) -> tuple[list[Path], list[Contents]]:
     begin = 1 if own is None else own.part
     while (following := part_beside(first, begin, begin + len(parts))).exists():
         part = scan_file(following)
-        if part.header is not None and (own is None or replace(part.header, part=begin) != own):
+        if part.header is not None and replace(part.header, part=begin) != own:
             raise LogError(f"{following} does not belong to {first}: move one of them")
         files.append(following)
         parts.append(part)

@@ -7,7 +7,7 @@ import time
 from dataclasses import replace
 from typing import Final
 
-from qrobot.errors import LinkError, LinkMismatch
+from qrobot.errors import LinkError
 from qrobot.model.payload_judge import PayloadJudge
 from qrobot.rccl_bridge.request_port import RequestPort
 from qrobot.rccl_bridge.servo_interface import SetpointFrame
@@ -39,9 +39,6 @@ class ServoPort(RequestPort):
         arm: instance name.
         robot_name, n: what the deployment says of it; a servo of another robot counts as gone.
         judge: of payloads; None takes each.
-
-    Attributes:
-        mismatch: why the servo that runs cannot be used; "" for one that can, or that is not there.
     """
 
     def __init__(self, arm: str, robot_name: str, n: int, judge: PayloadJudge | None = None) -> None:
@@ -51,7 +48,6 @@ class ServoPort(RequestPort):
         self.n = n
         self._followed = FollowedServo(arm, robot_name, n)
         self._slipped_ns = self._new_until_ns = 0
-        self.mismatch = ""
         self._power_locked = False  # a servo that has just started is not powered by a request made to the one before
 
     @property
@@ -59,14 +55,17 @@ class ServoPort(RequestPort):
         """Number of the servo that is followed: how many there have been."""
         return self._followed.count
 
+    @property
+    def mismatch(self) -> str:
+        """Why the servo that runs cannot be used; "" for one that can, or that is not there."""
+        return self._followed.mismatch
+
     def alive(self) -> bool:
         """The servo runs and its state is fresh."""
         try:
             memory = self._mailbox().memory
-        except LinkError as error:
-            self.mismatch = str(error) if isinstance(error, LinkMismatch) else ""
+        except LinkError:
             return False
-        self.mismatch = ""
         noticed = time.monotonic_ns() >= self._new_until_ns  # also by a bridge that stood still while it was away
         return noticed and bool(memory.info.ready) and shows_life(memory, self._silence_ns(memory))
 

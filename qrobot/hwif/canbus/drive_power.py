@@ -61,13 +61,10 @@ class DrivesPower:
 
     def lead(self, node: int) -> int:
         """Control word of the next step of a drive towards operation."""
-        drive = self._drives[node]
-        if drive.state in _UP:
-            return ENABLE_OPERATION if self._may_operate else SWITCH_ON
-        word = towards_operation(drive.status)
+        word = towards_operation(self._drives[node].status)
         if word == FAULT_RESET:
             self._reset.add(node)
-        return word
+        return SWITCH_ON if word == ENABLE_OPERATION and not self._may_operate else word
 
     def judge(self) -> None:
         """Look at what the drives have answered while power is wanted."""

@@ -15,7 +15,7 @@ from typing import Any, Final
 import can
 from can.interfaces.udp_multicast.utils import is_msgpack_installed, pack_message, unpack_message
 
-from qrobot.config.can import MULTICAST_PORT
+from qrobot.config.can import multicast_place
 from qrobot.errors import ConfigError
 
 GROUP: Final = "239.74.163.2"  # python-can's default for IPv4
@@ -36,8 +36,8 @@ class LocalMulticast(can.BusABC):
 
     def __init__(self, channel: str = GROUP) -> None:
         is_msgpack_installed()
-        group, _, port = channel.partition("/")
-        self._to = (_checked_group(group), int(port or MULTICAST_PORT))
+        group, port = multicast_place(channel)
+        self._to = (_checked_group(group), int(port))
         self._socket = _join(*self._to)
         self.channel_info = f"local multicast {channel}"
         self._can_protocol = can.CanProtocol.CAN_20

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from qrobot.errors import LinkMismatch
+from qrobot.errors import LinkError, LinkMismatch
 from qrobot.servo.memory.mailbox import ServoMailbox
 from qrobot.servo.memory.servo_memory import ServoSegment, attach_servo_memory
 
@@ -16,6 +16,7 @@ class FollowedServo:
 
     Attributes:
         count: how many servos there have been; a new file may begin its generations anew.
+        mismatch: why a servo that runs is not the one meant, as was last seen; "" for none.
     """
 
     def __init__(self, arm: str, robot: str, n: int) -> None:
@@ -23,9 +24,19 @@ class FollowedServo:
         self._segment: ServoSegment | None = None
         self._mailbox: ServoMailbox | None = None
         self._generation = self.count = 0
+        self.mismatch = ""
 
     def mailbox(self) -> ServoMailbox:
         """The servo's that runs now. Raises LinkError: there is none; of it LinkMismatch: it drives another robot."""
+        try:
+            mailbox = self._find()
+        except LinkError as error:
+            self.mismatch = str(error) if isinstance(error, LinkMismatch) else ""
+            raise
+        self.mismatch = ""
+        return mailbox
+
+    def _find(self) -> ServoMailbox:
         segment = self._segment
         if segment is None or not segment.is_current:
             self.close()

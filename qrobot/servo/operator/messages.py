@@ -178,7 +178,7 @@ class BoardStatus(OperatorMessage):
         losses: times a gateway lost the board behind it.
         dropped: operations that may never have acted: posted while the board was away, or in a damaged lane.
         illegal: operations without meaning, which the board ignored.
-        module_losses: times a remote module beside the board was lost.
+        module_losses: times a remote module, or a sensor's interface, beside the board was lost.
         slipped_ms: how long an emulated arm's time stood still because nobody could run.
     """
 

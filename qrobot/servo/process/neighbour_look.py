@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from typing import Final
 
 from qrobot.arrays import Floats
-from qrobot.errors import LinkError, LinkMismatch
+from qrobot.errors import LinkError
 from qrobot.servo.memory.followed_servo import FollowedServo
 from qrobot.servo.memory.mailbox import ServoMailbox
 from qrobot.servo.memory.published_state import ServoSnapshot
@@ -26,24 +26,24 @@ class OtherServo:
     Args:
         arm: its name. robot, n: what it has to drive, and how many joints that has.
         clock: seconds.
-
-    Attributes:
-        mismatch: why a servo that runs is not believed, "" for none.
     """
 
     def __init__(self, arm: str, robot: str, n: int, clock: Callable[[], float]) -> None:
         self._servo, self._clock = FollowedServo(arm, robot, n), clock
         self._mailbox: ServoMailbox | None = None
         self._again_s = clock()
-        self.mismatch = ""
+
+    @property
+    def mismatch(self) -> str:
+        """Why a servo that runs is not believed, "" for none."""
+        return self._servo.mismatch
 
     def snapshot(self) -> ServoSnapshot | None:
         """The newest state, None while there is none."""
         try:
             self._look_again()
             return None if self._mailbox is None else self._mailbox.snapshot()
-        except LinkError as error:
-            self.mismatch = str(error) if isinstance(error, LinkMismatch) else ""
+        except LinkError:
             self.close()
             return None
 
@@ -58,7 +58,6 @@ class OtherServo:
             return
         self._again_s = now_s + RETRY_S
         self._mailbox = self._servo.mailbox()
-        self.mismatch = ""
 
 
 @contextmanager
