@@ -57,7 +57,7 @@ class ServoPort(RequestPort):
 
     @property
     def mismatch(self) -> str:
-        """Why the servo that runs cannot be used; "" for one that can, or that is not there."""
+        """Reason for which the servo that runs cannot be used; "" for one that can, or that is not there."""
         return self._followed.mismatch
 
     def alive(self) -> bool:

@@ -35,7 +35,7 @@ class OtherServo:
 
     @property
     def mismatch(self) -> str:
-        """Why a servo that runs is not believed, "" for none."""
+        """Reason for which a servo that runs is not believed, "" for none."""
         return self._servo.mismatch
 
     def snapshot(self) -> ServoSnapshot | None:
