@@ -29,7 +29,7 @@ from qrobot.config import Robot, load_robot
 from qrobot.errors import JointLimit, MotionError, QRobotError, letting_go, raise_first
 from qrobot.motion import Blend, Trsf, warm_up, warm_up_cartesian
 from qrobot.rci.arguments import as_float, shown
-from qrobot.rci.bad_end import at_bad_end, stop_all, stop_each
+from qrobot.rci.bad_end import at_bad_end, interpreter_ends_well, stop_all, stop_each
 from qrobot.rci.machine_choice import choice_for, machine_choice
 from qrobot.rci.tcp import address_text
 
@@ -170,7 +170,7 @@ def _stop_all() -> None:
 
 def _at_exit() -> None:
     try:
-        end_all(well=not hasattr(sys, "last_value"))
+        end_all(well=interpreter_ends_well())
     except QRobotError as error:
         print(error, file=sys.stderr)
 

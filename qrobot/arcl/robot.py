@@ -356,7 +356,7 @@ class ArclRobot(PathCalls, LineCalls):
     @property
     def _seen(self) -> MachineSample:
         if self.ami.sample is None:
-            self.ami.wait(lambda: self.ami.sample is not None)
+            self.ami.wait(heard(lambda: self.ami.sample is not None))
         if self.ami.sample is None:
             raise LinkError(f"{self.name}: nothing was heard of the robot yet")
         return self.ami.sample

@@ -45,7 +45,10 @@ class Semaphore:
             self._changed.notify()
 
     def pend(self) -> None:
-        """Wait until it is set, and clear it. Raises MotionError: no motion is left that could set it."""
+        """Wait until it is set, and clear it.
+
+        Raises MotionError: no motion is left that could set it; in a program in C, no robot is open that could.
+        """
         if self.take():
             return
         robots = open_robots()

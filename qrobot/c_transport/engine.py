@@ -224,7 +224,7 @@ def _converse(front: Foreground, back: Background, languages: Sequence[MakeDispa
         front.send(CallMessage(Op.ERROR, text=str(error)))
         raise
     sys.argv[0] = hello.text  # how links greet
-    link = ProgramLink(back.call, back.signal, front.ask, front.say, front.listen)
+    link = ProgramLink(back.call, back.signal, front.ask, front.say)
     back.time = UsableTime(hello.refs[PROCESS])
     back.slot = CallbackSlot(memory.words(hello.refs[GLOBALS], SLOT_WORDS))
     back.dispatcher = dispatcher = make(memory, hello.refs, link)

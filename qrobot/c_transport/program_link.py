@@ -19,14 +19,12 @@ class ProgramLink:
         signal: have the program count an event.
         ask: put a question to the person at its terminal; EOFError when nobody answers.
         say: print lines there.
-        listen: raises LinkLost when the program has gone.
     """
 
     call: Callable[[Op, int], None]
     signal: Callable[[int], None]
     ask: Callable[[str], str]
     say: Callable[[str], None]
-    listen: Callable[[], None]
 
 
 class CallDispatcher(Protocol):

@@ -31,5 +31,4 @@ def fences_for(robot: str, bridge: str = "") -> FenceSet | None:
     fences, place = _fences.get()
     if fences is None or fences.robot != robot or bridge not in ("", place):
         return None
-    fences.compiled()
-    return fences
+    return fences.compiled()

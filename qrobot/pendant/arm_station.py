@@ -37,7 +37,7 @@ from qrobot.wire import State
 from qrobot.wire.vocabulary import RobotFlag
 
 LATE_S = 1.0  # a page's word that took longer, there and back with a sample, is not what is wanted now
-HELD_LATE_S = 0.5  # [A] the same of a held button: the arm moves on for so long after the hand has let go
+HELD_LATE_S = 0.5  # [A] the same of a held button: so long, and PATIENCE_S, may the arm move on after it is let go
 LEAVE_S = 3.0  # an arm that moved is at rest by then
 
 

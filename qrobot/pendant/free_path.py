@@ -30,13 +30,13 @@ def write_beside(folder: Path, stem: str, suffix: str, write: Callable[[Path], o
     try:
         folder.mkdir(parents=True, exist_ok=True)
         path = _new_file(folder, stem, suffix)
+        try:
+            write(path)
+        except BaseException:
+            path.unlink(missing_ok=True)
+            raise
     except OSError as error:
         raise ConfigError(f"cannot write into {folder}: {error.strerror}") from None
-    try:
-        write(path)
-    except BaseException:
-        path.unlink(missing_ok=True)
-        raise
     return path
 
 

@@ -16,7 +16,7 @@ class PageMessage(BaseModel):
 
 
 class MovingMessage(PageMessage):
-    """One that may move the arm, and is refused when it comes late, see `ArmStation.refuse_late`.
+    """One that may move the arm, and does not count when it comes late, see `ArmStation.is_late`.
 
     Attributes:
         heard_s: time of the newest sample of the arm at the page, s on the servo's clock; None when it has none.

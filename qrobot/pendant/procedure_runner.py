@@ -13,7 +13,7 @@ from pathlib import Path
 from tempfile import mkdtemp
 from typing import Any, Final
 
-from qrobot.errors import ConfigError, MotionError
+from qrobot.errors import MotionError
 from qrobot.pendant.command_run import CommandRun
 from qrobot.pendant.free_path import write_beside
 from qrobot.pendant.procedure_messages import PageProcedureStart
@@ -85,11 +85,7 @@ class ProcedureRunner(Runner):
         if not confirmed:
             raise MotionError("the model is not written: confirm it")
         model = self._file("model.toml")
-        try:
-            path = write_beside(self._models, f"{self._arm}-model", ".toml", partial(shutil.copyfile, model))
-        except OSError as error:
-            raise ConfigError(f"cannot write into {self._models}: {error.strerror}") from None
-        self._kept = str(path)
+        self._kept = str(write_beside(self._models, f"{self._arm}-model", ".toml", partial(shutil.copyfile, model)))
         return self._kept
 
     def close(self) -> None:

@@ -56,7 +56,7 @@ class RecordingWriter:
             motion = joined(led, robot)
             motion = smoothed(motion, robot, smooth_m) if smooth_m else motion
             path = write_beside(folder, name, ".csv", lambda path: write_setpoint_table(path, motion))
-        except (QRobotError, OSError) as error:
+        except QRobotError as error:
             return f"the recording is not written: {error}"
         except Exception as error:  # nobody asks the thread how it went
             _log.exception("a recording of %s could not be written", self._robot)

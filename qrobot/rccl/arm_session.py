@@ -16,7 +16,7 @@ from qrobot.rccl.task import TrajectoryTask
 from qrobot.rccl.trace import Trace
 from qrobot.rci import Link
 from qrobot.rci.arm_settings import ArmSettings
-from qrobot.rci.bad_end import at_bad_end, stop_each, stopping
+from qrobot.rci.bad_end import at_bad_end, interpreter_ends_well, stop_each, stopping
 from qrobot.rci.listening import heard, heard_on_leaving, is_listening
 from qrobot.rci.sample_drivers import driver_for
 from qrobot.rci.sampled_task import SampleDriver
@@ -119,13 +119,13 @@ class ArmSession:
             self._link.tell(Signals(self._signals))
         self.settings.tell_again(now, forgotten)
 
-    def finish(self, look: Callable[[], object]) -> None:
-        """Wait until all motions are done, calling `look` at each sample. Raises what `Channel.finish` raises."""
+    def finish(self) -> None:
+        """Wait until all motions are done. Raises what `Channel.finish` raises."""
         if self.released or self._driver.error is not None:
             return
         failures = self._task.motions.failures
         before, group = len(failures), self._task.group
-        self.wait(lambda: (look(), not self._task.eventful and not (group and group.busy))[1], ours=False)
+        self.wait(lambda: not self._task.eventful and not (group and group.busy), ours=False)
         if len(failures) > before:
             last = failures[before]
             del failures[before:]
@@ -161,13 +161,14 @@ class ArmSession:
         On virtual time MotionError as well: an arm stands still until somebody lets it go on, and nobody will. One that
         is not `ours` is called in the thread of the program.
         """
-        self._wait(heard(predicate), ours and not is_listening())
+        self._wait(heard(predicate), ours)
 
     def _wait_on_leaving(self, predicate: Callable[[], bool]) -> None:
         """`wait` while the arm comes to rest: the end of the program ends that wait no sooner."""
-        self._wait(heard_on_leaving(predicate), not is_listening())
+        self._wait(heard_on_leaving(predicate), ours=True)
 
     def _wait(self, predicate: Callable[[], bool], ours: bool) -> None:
+        ours = ours and not is_listening()  # what listens is asked in the thread of the program
         try:
             self._driver.wait(self._watched(predicate) if self._link.virtual_time else predicate, ours)
         except BaseException as error:
@@ -233,9 +234,7 @@ class ArmSession:
 
     @classmethod
     def _stop_blocks(cls) -> None:
-        for hold in list(cls._holds):
-            if hold._block_thread == threading.get_ident():
-                hold.begin_stop()
+        stop_each([hold.begin_stop for hold in cls._holds if hold._block_thread == threading.get_ident()])
 
     def end(self, well: bool) -> None:
         """The program has ended: do its motions if it did so well, and release. Raises what those raise.
@@ -244,7 +243,7 @@ class ArmSession:
         """
         with letting_go(lambda: self.release(power_off=False)), stopping(well):
             if well:
-                self.finish(lambda: None)
+                self.finish()
 
     @classmethod
     def end_all(cls, well: bool) -> None:
@@ -263,7 +262,7 @@ class ArmSession:
     def _at_exit(self) -> None:
         """The interpreter ends: well, unless something has been raised that nobody has handled."""
         try:
-            self.end(well=not hasattr(sys, "last_value"))
+            self.end(well=interpreter_ends_well())
         except QRobotError as error:
             print(f"{self._name}: {error}", file=sys.stderr)
 

@@ -89,19 +89,16 @@ class Channel(HandAndOutputs, MotionParameters):
         """The arm was let go of."""
         return self._session.released
 
-    def finish(self, look: Callable[[], object] = lambda: None) -> None:
+    def finish(self) -> None:
         """Wait until the motions that were asked for are done, as a program does that simply ends.
 
         Hayward and Paul's programs end with a `move` (1986, sections 3.3 and 3.4.2). Does nothing after `release`.
-
-        Args:
-            look: called at each sample; what it raises ends the waiting.
 
         Raises:
             MotionError: one of them could not be done.
             ServoFault, LinkError: control of the arm was lost.
         """
-        self._session.finish(look)
+        self._session.finish()
 
     def __enter__(self) -> Channel:
         self._session.enter_block()

@@ -43,7 +43,7 @@ from qrobot.rci.descriptor import HOST, NO_BIT, local_area
 from qrobot.rci.robot_cycle import SERVO_AWAY, CycleHooks, CyclePhase, RobotCycle
 from qrobot.wire import Command, Payload, RobotState, State
 
-STANDING: Final = 1e-6  # rad/s or m/s: of a setpoint that stands, but for rounding
+_STANDING: Final = 1e-6  # rad/s or m/s: of a setpoint that stands, but for rounding
 
 
 class TrajectoryTask:
@@ -183,7 +183,7 @@ class TrajectoryTask:
     def moves(self) -> bool:
         """The arm is under way on its path."""
         on_path = self._generator is not None and not self.off_path
-        return on_path and bool(np.abs(self.generator.state()[1]).max() > STANDING)
+        return on_path and bool(np.abs(self.generator.state()[1]).max() > _STANDING)
 
     def push(self, order: MoveOrder) -> None:
         """Queue a motion whose course is told to its position.

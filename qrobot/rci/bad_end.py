@@ -5,6 +5,7 @@ They are let go of one after the other, and that takes time: none may go on with
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from typing import Final
@@ -23,6 +24,11 @@ def at_bad_end(stop: Callable[[], object]) -> Callable[[], object]:
 def stop_all() -> None:
     """Let all arms of the program begin to come to rest. Raises what a function of the program raises, then."""
     stop_each(_stops)
+
+
+def interpreter_ends_well() -> bool:
+    """Nothing has been raised that nobody has handled."""
+    return not hasattr(sys, "last_value")
 
 
 def stop_each(stops: Iterable[Callable[[], object]]) -> None:

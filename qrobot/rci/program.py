@@ -14,7 +14,7 @@ import numpy as np
 
 from qrobot.arrays import Words
 from qrobot.errors import ConfigError, QRobotError, letting_go, raise_first
-from qrobot.rci.bad_end import at_bad_end, stop_all, stop_each
+from qrobot.rci.bad_end import at_bad_end, interpreter_ends_well, stop_all, stop_each
 from qrobot.rci.common_clock import CommonClock, checked_rate
 from qrobot.rci.descriptor import AREA_WORDS, HOST, MOST_TASKS, PARENT, TaskDescriptor, TaskState, TaskWord
 from qrobot.rci.environment import Environment, link_maker
@@ -331,13 +331,12 @@ class RciProgram:
         """Let all tasks begin to rest; waits for nothing."""
         held = [td for td in self._tasks if td.state in _RUNNING]
         for processor, bits in _by_processor(held):
-            with suppress(QRobotError):  # of one that is lost: it does not keep the others from their stop
-                self._processors.begin(processor, "release", bits, False)
+            self._begin(processor, "release", bits, False)  # one that is lost keeps no other one from its stop
 
     def _at_exit(self) -> None:
         try:
             with letting_go(self.close):
-                if hasattr(sys, "last_value"):  # something has been raised that nobody has handled
+                if not interpreter_ends_well():
                     stop_all()
         except Exception as error:
             _exit_status.append(1)

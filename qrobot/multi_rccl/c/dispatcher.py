@@ -154,7 +154,7 @@ class ManipDispatcher:
         arms = [arm.channel for arm in self._program.robots]
         with letting_go(self.let_go):
             for channel in arms if message.n else ():
-                channel.finish(self._link.listen)
+                channel.finish()
             if message.n and self._terminate[0]:
                 raise terminated(self._dropped)
             left = self._unserved()
@@ -247,14 +247,9 @@ class ManipDispatcher:
 
     def next_sample(self, message: CallMessage) -> CallReply:
         """Wait for it; `text` names the event of ours that the program waits for."""
-        group, listen = self._program.group, self._link.listen
+        group = self._program.group
         begin = group.tick
-
-        def passed() -> bool:
-            listen()
-            return group.tick != begin
-
-        self._program.wait(passed, message.text)
+        self._program.wait(lambda: group.tick != begin, message.text)
         return None
 
 

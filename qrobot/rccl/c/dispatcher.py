@@ -152,7 +152,7 @@ class Dispatcher:
         """Let go of it; when `n`, after all motions are done. The answer says how many were left."""
         with letting_go(self.let_go):
             if message.n and self._arm is not None:
-                self._arm.finish(self._link.listen)
+                self._arm.finish()
                 if self._variables.terminate:
                     raise terminated(self._dropped)
             left = 0 if self._arm is None else self._arm.unserved
@@ -240,16 +240,11 @@ class Dispatcher:
 
     def next_sample(self, message: CallMessage) -> CallReply:
         """Wait for it; `text` names the event of ours that the program waits for."""
-        arm, listen = self.arm, self._link.listen
+        arm = self.arm
         if message.text:
             arm.expect(message.text)
         begin = arm.how.t_ns
-
-        def passed() -> bool:
-            listen()
-            return arm.how.t_ns != begin
-
-        arm.waitas(passed)
+        arm.waitas(lambda: arm.how.t_ns != begin)
         if arm.kept:  # the functions of samples, before which the state is shown else, wait as well
             self._variables.show(arm)
         return None

@@ -72,7 +72,7 @@ class Link extends EventTarget {
     return open;
   }
 
-  // Say something that may move the arm: the pendant refuses it when it comes late.
+  // Say something that may move the arm: when it comes late it does not count.
   order(message) {
     return this.say({ ...message, heard_s: this.arms[message.arm]?.state?.t ?? null });
   }
