@@ -61,7 +61,7 @@ class TestDirectBus(BusContract):
 
 
 class MemoryTransport:
-    """A board process in a thread: a gateway to the bench behind a shared segment."""
+    """A board process in a thread: a gateway to the bench behind a shared segment, held between two of its steps."""
 
     def __init__(self, end: BenchEndpoint) -> None:
         self.arm = next(ARMS)
@@ -70,6 +70,7 @@ class MemoryTransport:
         self.gateway = Gateway(self.far, self.segment.memory, 250_000)
         self.bus = MemoryBus(lambda: attach_board_memory(self.arm), "the bench", timeout_s=PATIENCE_S)
         self._held, self._stop = threading.Event(), threading.Event()
+        self._stepping = threading.RLock()
         self.clock = VirtualClock(0)
         assert self.gateway.step(self.clock())
         self._thread = threading.Thread(target=self._run)
@@ -77,27 +78,31 @@ class MemoryTransport:
 
     def _run(self) -> None:
         while not self._stop.wait(STEP_S):
-            if not self._held.is_set():
-                self.clock.pass_ms(STEP_S * 1e3)
-                self.gateway.step(self.clock())
+            with self._stepping:
+                if not self._held.is_set():
+                    self.clock.pass_ms(STEP_S * 1e3)
+                    self.gateway.step(self.clock())
 
     def hurry(self) -> None:
         self.bus.timeout_s = MOMENT_S
 
     def cut(self) -> None:
-        self._held.set()
-        self.far.cut = True
+        with self._stepping:
+            self._held.set()
+            self.far.cut = True
 
     def restore(self) -> None:
         self.bus.timeout_s = PATIENCE_S
-        self.far.cut = False
-        self._held.clear()
+        with self._stepping:
+            self.far.cut = False
+            self._held.clear()
         wait_until(lambda: self.gateway.connected, "the gateway finds the board again")
 
     def garbage(self) -> None:
-        self._held.set()
-        wild = np.random.default_rng(1).integers(2**17, 2**62, IMAGE_WORDS)
-        self.segment.memory.shown.image[:] = wild
+        with self._stepping:
+            self._held.set()
+            wild = np.random.default_rng(1).integers(2**17, 2**62, IMAGE_WORDS)
+            self.segment.memory.shown.image[:] = wild
 
     def close(self) -> None:
         self._stop.set()

@@ -34,6 +34,7 @@ class ModbusTransport:
 
     def restore(self) -> None:
         set_patience(self._line, PATIENCE_S)
+        self._relay.spoil = as_it_came
         self._relay.cut = False
 
     def garbage(self) -> None:

@@ -6,6 +6,7 @@ import threading
 import uuid
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
+from typing import Final
 
 import can
 
@@ -16,9 +17,22 @@ from qrobot.hwif.gateway import NO_OPERATIONS
 from tests.support.patience import MOMENT_S, PATIENCE_MS, PATIENCE_S, wait_until
 from tests.support.virtual_clock import VirtualClock
 
+_END_OF_CUT: Final = can.Message(arbitration_id=0x1FFFFFFF, is_extended_id=True)  # CANopen has none of 29 bits
+
+
+def end_of_cut(channel: str) -> None:
+    """Mark, behind all that was sent on a wire, where its far end hears again: it may not have had its turn so far."""
+    with can.Bus(interface="virtual", channel=channel) as interface:
+        interface.send(_END_OF_CUT)
+
+
+def ends_cut(message: can.Message) -> bool:
+    """Whether this is that mark."""
+    return message.is_extended_id and message.arbitration_id == _END_OF_CUT.arbitration_id
+
 
 class WeakWire:
-    """A CAN interface that can be cut, or spoil the first process data that pass."""
+    """A CAN interface that can be cut until the mark comes, or spoil the first process data that pass."""
 
     def __init__(self, bus: can.BusABC) -> None:
         self.bus = bus
@@ -34,6 +48,9 @@ class WeakWire:
 
     def recv(self, timeout: float | None = None) -> can.Message | None:
         message = self.bus.recv(timeout)
+        if message is not None and ends_cut(message):
+            self.cut = False
+            return None
         return None if self.cut else message
 
     def shutdown(self) -> None:
@@ -62,7 +79,9 @@ class CanTransport:
 
     def restore(self) -> None:
         self.bus.link.timeout_s = PATIENCE_S
-        self.wire.cut = False
+        self.wire.garbage = False
+        end_of_cut(self.channel)
+        wait_until(lambda: not self.wire.cut, "what was sent before has passed")
 
     def expire(self) -> None:
         """Let the time of the node's watchdog pass."""

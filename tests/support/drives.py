@@ -9,16 +9,19 @@ from contextlib import contextmanager
 
 import can
 import numpy as np
+import pytest
 
 from qrobot.config import Robot
 from qrobot.config.drives import DrivesTransport
+from qrobot.errors import LinkTimeout
 from qrobot.hwif.bus import NO_OPERATIONS, Endpoint
 from qrobot.hwif.canbus.drives import DrivesBus
 from qrobot.hwif.image import IMAGE_ENC_COUNT, IMAGE_STATUS, make_image
 from tests.support.bus import Row, rows_of
+from tests.support.can_transport import end_of_cut, ends_cut
 from tests.support.drive_loop import PositionLoop
 from tests.support.emulated_drives import EmulatedDrives
-from tests.support.patience import MOMENT_S, PATIENCE_S
+from tests.support.patience import MOMENT_S, PATIENCE_S, wait_until
 
 NODES = (1, 2, 3, 4, 5, 6)
 TORQUE = (2048.0, -2048.0, 2048.0, 1024.0, -1024.0, 2048.0)
@@ -78,12 +81,23 @@ class Drives:
     def serve(self, stop: threading.Event) -> None:
         """Be the drives until `stop` is set."""
         while not stop.is_set():
-            if (message := self.interface.recv(0.01)) and not self._cut:
+            if (message := self.interface.recv(0.01)) is None:
+                continue
+            if ends_cut(message):
+                self._cut = False
+            elif not self._cut:
                 self.far.take(message.arbitration_id, bytes(message.data))
 
     def hurry(self) -> None:
         """Wait a moment only, for what will not come."""
         self.bus.link.timeout_s = MOMENT_S
+
+    def complaint(self) -> str:
+        """What the bus says that gets no answer; the next time it waits longer, for drives may have had no turn."""
+        with pytest.raises(LinkTimeout) as complaint:
+            self.exchange()
+        self.bus.link.timeout_s *= 2.0
+        return str(complaint.value)
 
     def cut(self) -> None:
         """Let nothing through the wire."""
@@ -91,9 +105,10 @@ class Drives:
         self._cut = True
 
     def mend(self) -> None:
-        """Let everything through again."""
+        """Let everything through again, and nothing that was sent before."""
         self.bus.link.timeout_s = PATIENCE_S
-        self._cut = False
+        end_of_cut(self.transport.channel)
+        wait_until(lambda: not self._cut, "what was sent before has passed")
 
     def exchange(self, *rows: Row, times: int = 1) -> int:
         """Exchange; the STATUS word of the last image."""
