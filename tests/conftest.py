@@ -16,6 +16,7 @@ from hypothesis import HealthCheck, settings
 from hypothesis.internal.conjecture import providers
 
 from tests.support import clocks
+from tests.support.patience import PATIENCE_S
 from tests.support.turns import turn
 
 # Before anything of ours is imported, which may keep a clock under a name of its own.
@@ -140,6 +141,15 @@ def arcl_alone() -> Iterator[None]:
     forget_programs()
     yield
     forget_programs()
+
+
+@pytest.fixture
+def patient_links(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The far end of a socket is a thread of ours, which may stall; who tests silence is less patient."""
+    from qrobot.rci import tcp
+
+    for name in ("ANSWER_TIMEOUT_S", "STEP_TIMEOUT_S", "LINGER_S"):
+        monkeypatch.setattr(tcp, name, PATIENCE_S)
 
 
 @pytest.fixture

@@ -9,6 +9,7 @@ import subprocess
 import sys
 from collections.abc import Callable
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,11 +18,11 @@ import pytest
 from qrobot.errors import ConfigError, LinkError
 from qrobot.rccl_bridge.isolated_link import IsolatedLink, read_link_token
 from qrobot.rccl_bridge.settings import SECOND_NS
-from qrobot.rci import TcpLink, hello_for
+from qrobot.rci import TcpLink, hello_for, tcp
 from qrobot.wire import Command, JointMode
 from tests.support.bridge import Bridge
 from tests.support.cable import HERE, INTERFACE, STRANGER, THERE, leave_the_network, plug
-from tests.support.patience import wait_until
+from tests.support.patience import PATIENCE_S, wait_until
 
 LINK_TOKEN, BRIDGE_TOKEN = b"k" * 44, b"0" * 64
 ROOT = Path(__file__).parents[2]
@@ -52,9 +53,10 @@ def command_from(source: str, address: tuple[str, int], token: bytes) -> str:
 
 def who_may_come() -> dict[str, Any]:
     """Inside a network of one's own: what programs of three hosts meet, and what a pulled cable does."""
+    tcp.ANSWER_TIMEOUT_S = tcp.LINGER_S = PATIENCE_S  # type: ignore[misc]
     plug(connected=True)
     link = IsolatedLink(INTERFACE, HERE, (THERE,), LINK_TOKEN)
-    with Bridge(link=link, silence_ns=SECOND_NS) as bridge:
+    with Bridge(link=link) as bridge:
         bridge.server.token = BRIDGE_TOKEN
         near = bridge.server.address
         far = HERE, near[1]
@@ -72,6 +74,8 @@ def who_may_come() -> dict[str, Any]:
         state = program.exchange(None)
         program.exchange(Command(state.seq, (JointMode.POSITION,) * 6, (0.2,) * 6, power=True))
         before = bridge.port.stops
+        for client in list(bridge.server.clients):
+            client.session._settings = replace(client.session._settings, silence_ns=SECOND_NS)
         plug(connected=False)
         wait_until(lambda: bridge.port.stops > before, "the arm is stopped")
         plug(connected=True)

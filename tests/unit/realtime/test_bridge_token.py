@@ -24,6 +24,8 @@ from tests.support.fake_port import FakePort
 
 PORT = 5600
 
+pytestmark = pytest.mark.usefixtures("patient_links")
+
 
 @pytest.fixture
 def folder(monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
