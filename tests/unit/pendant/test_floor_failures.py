@@ -15,7 +15,7 @@ from qrobot.pendant.lease import SILENCE_S
 from qrobot.pendant.live_socket import _obey, _tell
 from qrobot.transform_file import TransformFile
 from qrobot.wire import RobotState, State
-from tests.support.patience import give_time
+from tests.support.patience import PATIENCE_S, give_time
 from tests.unit.pendant.test_floor import Floor, Q
 
 FULL = OSError(28, "No space left on device")
@@ -87,6 +87,7 @@ def test_stop_is_heard_while_another_program_writes_the_file_of_places(
     floor: Floor, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(transform_file, "_rest", give_time)
+    monkeypatch.setattr(transform_file, "PATIENCE_S", PATIENCE_S)
     places, file = floor.station.places, TransformFile(tmp_path / "t.db")
     del places._changes.submit  # which does it at once for other tests
     place = {"do": "place", "arm": 0, "numbers": [500, 0, 300, 0, 180, 45]}

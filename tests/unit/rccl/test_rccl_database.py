@@ -14,7 +14,7 @@ from qrobot import transform_file
 from qrobot.errors import ConfigError
 from qrobot.rccl import gentr_rpy, gentr_trsl, hold, newtrans, trsl
 from qrobot.rccl.database import DataBase
-from tests.support.patience import give_time
+from tests.support.patience import PATIENCE_S, give_time
 
 COORDINATE = st.floats(-2000, 2000)
 ANGLE = st.floats(-180, 180)
@@ -91,6 +91,7 @@ def test_what_is_not_there_or_has_no_name_is_told(file, deed, words) -> None:
 def test_of_two_programs_that_record_at_the_same_time_neither_loses_the_others(file, monkeypatch) -> None:
     """Each with a lock and a file of its own, as two processes have them."""
     monkeypatch.setattr(transform_file, "_rest", give_time)
+    monkeypatch.setattr(transform_file, "PATIENCE_S", PATIENCE_S)
 
     def program(name: str) -> None:
         for i in range(25):

@@ -12,6 +12,7 @@ from qrobot.realtime.atomics import load_acquire, store_release
 from qrobot.realtime.jit import jit_disabled, kernel
 from qrobot.realtime.seqlock import begin_write, end_write, seqlock_read
 from qrobot.realtime.structure import dtype_of, local_record, word, words
+from tests.support.patience import wait_until
 
 N = 32
 
@@ -87,6 +88,7 @@ def test_no_read_is_torn_or_goes_backward_beside_a_writing_thread() -> None:
     blocks: list[int] = []
     writer = threading.Thread(target=lambda: blocks.append(write_until_stopped(block, source)))
     writer.start()
+    wait_until(lambda: block.sequence > 0, "the writer has begun")
     torn, backward, good = read_many(block, out, GOOD, TRIES)
     stop(block)
     writer.join()

@@ -12,14 +12,15 @@ from tests.support.patience import PATIENCE_S
 
 MEMBER = """
 import os, signal, sys, time
-from qrobot.realtime.supervised import end_with_supervisor
+from qrobot.realtime import supervised
+supervised.PATIENCE_S = supervised.END_PATIENCE_S = float(os.environ["PATIENCE_S"])
 name, seconds, log = sys.argv[1], float(sys.argv[2]), open(sys.argv[3], "a", buffering=1)
 def end(number, frame):
     time.sleep(seconds)  # as long as a process takes to end in good order
     log.write(f"{name}\\n")
     sys.exit()
 signal.signal(signal.SIGTERM, end)
-end_with_supervisor()
+supervised.end_with_supervisor()
 print(os.environ.get("QROBOT_SUPERVISOR"), flush=True)
 while True:
     time.sleep(60)
@@ -53,9 +54,10 @@ os.kill(os.getpid(), 9)
 
 def ends(log: Path, how: str = "") -> list[str]:
     """Names in the order in which the processes ended, once all have: their output, which they inherit, is closed."""
+    environment = {**os.environ, "MEMBER": MEMBER, "PATIENCE_S": str(PATIENCE_S)}
     done = subprocess.run(
         [sys.executable, "-c", SUPERVISOR, str(log), how],
-        env={**os.environ, "MEMBER": MEMBER}, capture_output=True, text=True, timeout=PATIENCE_S, check=False,
+        env=environment, capture_output=True, text=True, timeout=PATIENCE_S, check=False,
     )  # fmt: skip
     assert done.returncode == -9, done.stderr
     assert set(done.stdout.split()) == {"None"}

@@ -36,6 +36,7 @@ from qrobot.report import QueuedReport
 from qrobot.servo.laws import LAWS, find_law
 from qrobot.servo.laws.law import KP, KV, Law
 from qrobot.servo.laws.law_swap import SwapState
+from qrobot.servo.memory import mailbox as mailbox_module
 from qrobot.servo.memory.commander_lock import Authority
 from qrobot.servo.memory.law_history import JournalReader
 from qrobot.servo.memory.mailbox import ServoMailbox
@@ -122,7 +123,10 @@ class Bench:
 def patient(monkeypatch: pytest.MonkeyPatch) -> None:
     """The servo's loop is a thread of ours, which may stall."""
     monkeypatch.setattr(loop_wait, "LOOP_PATIENCE_S", PATIENCE_S)
-    monkeypatch.setattr(client_module, "STOP_PATIENCE_S", PATIENCE_S)
+    for name in ("AT_ONCE_S", "STOP_PATIENCE_S", "RESUMED_S"):
+        monkeypatch.setattr(client_module, name, PATIENCE_S)
+    monkeypatch.setattr(ServoClient.power_on, "__defaults__", (PATIENCE_S,))
+    monkeypatch.setattr(mailbox_module, "_READ_TRIES", round(PATIENCE_S / mailbox_module._READ_PAUSE_S))
 
 
 @pytest.fixture(scope="module")
@@ -988,6 +992,7 @@ def test_a_client_waits_while_a_servo_lets_in_those_who_came_before(monkeypatch:
 def test_a_law_may_take_long_to_compile_and_what_is_obeyed_at_once_may_not(
     servo: Bench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr(client_module, "AT_ONCE_S", 0.5 * client_module.TIMEOUT_S)
     with ServoClient(servo.arm) as client:
         patience: list[float | None] = []
         line = client._line
