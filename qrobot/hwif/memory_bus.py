@@ -15,7 +15,7 @@ from qrobot.hwif.board_memory import BoardMemory, BoardSegment, Lane, command_bo
 from qrobot.hwif.bus import BoardFacts, MemoryEndpoint, Operations, check_image
 from qrobot.hwif.image import IMAGE_COUNT, make_image
 from qrobot.hwif.lanes import discard_operations, pending_operations
-from qrobot.realtime.deadline import Deadline, sleep_between_looks
+from qrobot.realtime.deadline import Deadline, comes_true
 
 TIMEOUT_S: Final = 0.1
 POLL_S: Final = 100e-6
@@ -96,10 +96,8 @@ class MemoryBus:
         return int(self._newest[IMAGE_COUNT])
 
     def _wait(self, done: Callable[[], bool], deadline: Deadline, complaint: str) -> None:
-        while not done():
-            if deadline.passed:
-                raise LinkTimeout(f"the board at {self.name} {complaint}: does it still run?")
-            sleep_between_looks(POLL_S)
+        if not comes_true(done, deadline, POLL_S):
+            raise LinkTimeout(f"the board at {self.name} {complaint}: does it still run?")
 
 
 def _gone_astray(memory: BoardMemory) -> tuple[int, int]:

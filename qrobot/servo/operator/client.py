@@ -292,9 +292,11 @@ class ServoClient:
 
     def _wait(self, condition: Callable[[ServoStatus], bool], patience_s: float) -> ServoStatus:
         patience = Deadline(patience_s)
-        while not condition(status := self.status()) and not patience.passed:
+        while True:
+            last = patience.passed
+            if condition(status := self.status()) or last:
+                return status
             sleep_between_looks(POLL_S)
-        return status
 
     def _insist(self, modes: tuple[str, ...]) -> ServoStatus:
         status = self._wait(lambda s: s.mode in modes, STOP_PATIENCE_S)
