@@ -30,7 +30,8 @@ from qrobot.realtime.runtime_folder import look_into_folder, open_served, runtim
 from qrobot.realtime.structure import WORD_BYTES, dtype_of, record_in, word
 
 _MEMINFO: Final = Path("/proc/meminfo")
-_LOCK_TRIES: Final = 10  # `owner_alive` of a peer holds the lock for an instant
+_LOCK_TRIES: Final = 10  # [A] while an owner has the lock, which may just end
+_LOOKED_AT_TRIES: Final = 1000  # [A] in all: `owner_alive` of a peer, which may be kept from running there, has it
 _LOCK_PAUSE_S: Final = 0.005
 
 _CLAIM: Final = struct.Struct("hhqqi4x")  # struct flock: type, whence, start, length, pid
@@ -236,15 +237,25 @@ def _open_locked(path: Path, n_words: int) -> int:
 
 
 def _lock(fd: int) -> bool:
-    for attempt in range(_LOCK_TRIES):
-        if attempt:
-            sleep_between_looks(_LOCK_PAUSE_S)
-        try:
-            fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            continue
-        return True
+    """Take the owner's lock; False when somebody else owns the file."""
+    owned = 0
+    for _ in range(_LOOKED_AT_TRIES):
+        if _maybe_lock(fd, fcntl.LOCK_EX):
+            return True
+        owned += not _maybe_lock(fd, fcntl.LOCK_SH)  # those who only look do not keep out one another
+        fcntl.flock(fd, fcntl.LOCK_UN)
+        if owned == _LOCK_TRIES:
+            break
+        sleep_between_looks(_LOCK_PAUSE_S)
     return False
+
+
+def _maybe_lock(fd: int, kind: int) -> bool:
+    try:
+        fcntl.flock(fd, kind | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    return True
 
 
 def _reserve(fd: int, path: Path, n_words: int) -> None:

@@ -110,6 +110,25 @@ def test_two_who_look_at_once_do_not_take_each_other_for_the_owner(name: str, mo
     assert seen == [False]
 
 
+def test_an_owner_begins_though_one_who_looks_whether_there_is_any_is_kept_from_running(
+    name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    kill(start_owner(name))
+    with SharedMemory.attach(name, 1) as peer:
+        assert peer._fd is not None
+        rests = iter(range(100))
+
+        def rest(_seconds: float) -> None:
+            if next(rests) == 50:
+                fcntl.flock(peer._fd, fcntl.LOCK_UN)
+
+        fcntl.flock(peer._fd, fcntl.LOCK_SH)  # in the middle of `owner_alive`
+        monkeypatch.setattr("qrobot.realtime.shared_memory.sleep_between_looks", rest)
+        with SharedMemory.create(name, 1, 64) as heir:
+            assert peer.owner_alive
+            assert heir.header.generation == 2
+
+
 def test_what_a_killed_owner_left_is_discarded_and_what_a_living_one_has_is_not(name: str) -> None:
     owner = start_owner(name)
     discard_dead(name)
