@@ -24,17 +24,17 @@ with heed_interrupts(0.1):
     print("caught", flush=True)
     spin(x)
 """
-HEARD = """
+HEARD = f"""
 import time
 from qrobot.realtime.interrupt import heed_interrupts
 
-with heed_interrupts(0.1):
+with heed_interrupts({PATIENCE_S}):
     for _ in range(2):
         try:
             print("working", flush=True)
             time.sleep(1000.0)
         except KeyboardInterrupt:
-            time.sleep(1.0)  # whoever hears it may take as long as it likes to end
+            continue
 print("done", flush=True)
 """
 
