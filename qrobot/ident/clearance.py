@@ -15,8 +15,10 @@ import numpy as np
 
 from qrobot.arrays import Bools, Floats
 from qrobot.config import Robot
-from qrobot.fences.fence_set import FenceSet
+from qrobot.errors import IdentificationError
+from qrobot.fences.fence_set import ITSELF, FenceSet
 from qrobot.ident.link_lines import HAND_M, LinkLines, stands_upright, up_of
+from qrobot.units import MM_PER_M
 
 FLOOR: Final = 0.25  # m that wrist and flange stay above the floor
 COLUMN: Final = 0.30  # m from the column that they keep below the shoulder
@@ -48,6 +50,27 @@ class Clearance:
     def of_pose(self, q: Floats) -> bool:
         """Whether `q` (n,) is clear."""
         return bool(self.of_poses(q[None])[0])
+
+    def check_ready(self, q: Floats) -> None:
+        """Raises IdentificationError: the pose `ready` (n,), by way of which a plan gets everywhere, is not clear."""
+        reason = self._too_near_a_fence(q)
+        if not reason and not self.of_pose(q):
+            reason = "it is too near to the floor, the column or the arm itself"
+        if reason:
+            raise IdentificationError(
+                f"the pose 'ready', by which all moves of a plan come: {reason}; move it in the robot file"
+            )
+
+    def _too_near_a_fence(self, q: Floats) -> str:
+        """Which part of the arm is too near to which fence at `q` (n,); empty when none is."""
+        if self._fences is None:
+            return ""
+        near = min(self._fences.nearness(q), key=lambda near: near.distance - near.margin)
+        if near.distance >= near.margin:
+            return ""
+        off = f"{MM_PER_M * near.distance:.0f} mm off" if near.distance > 0.0 else "inside"
+        other = "another part of the arm" if near.fence == ITSELF else f"fence {near.fence!r}"
+        return f"{near.body} is {off} {other}, and plans keep {MM_PER_M * near.margin:.0f} mm away"
 
     def of_way(self, begin: Floats, end: Floats) -> bool:
         """Whether all of a straight way between two joint positions (n,) is."""

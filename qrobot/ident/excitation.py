@@ -111,11 +111,12 @@ def make_excitation(
         fences: that the arm keeps off, beyond their margins, also where it is stopped in the middle of a run.
 
     Raises:
-        IdentificationError: fewer runs are asked for than can be judged, or too few are clear.
+        IdentificationError: fewer runs are asked for than can be judged, `ready` is not clear, or too few runs are.
     """
     if runs < FEWEST:
         raise IdentificationError(f"{runs} runs are too few: at least {FEWEST}, of which one is held back")
     clearance = Clearance(robot, fences)
+    clearance.check_ready(robot.poses[READY])
     search = _DesignSearch(robot, regressor, base, clearance, np.random.default_rng(seed))
     candidates = list(search.candidates())
     if len(candidates) < runs:

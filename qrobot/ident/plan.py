@@ -118,9 +118,10 @@ def make_plan(
         fences: that the arm keeps off, beyond their margins.
 
     Raises:
-        IdentificationError: too few poses are clear, or fewer are asked for than tell everything.
+        IdentificationError: `ready` or too few poses are clear, or fewer are asked for than tell everything.
     """
     clearance = Clearance(robot, fences)
+    clearance.check_ready(robot.poses[READY])
     half = np.minimum(0.5 * SWING_SPEED * robot.limits.v_max * _seconds(robot, SWING_SPEED), _widest(robot))
     candidates = _candidates(robot, regressor, clearance, half, seed)
     sought = len(base.leading)

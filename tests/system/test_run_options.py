@@ -161,7 +161,14 @@ def test_the_film_of_a_program_that_fails_is_made_and_of_one_that_takes_no_arm_i
         ("raise KeyboardInterrupt", 130),
     ],
 )
-def test_a_film_is_made_however_a_program_ends(manner: str, end: str, status: int | str, here: Path) -> None:
+def test_a_film_is_made_however_a_program_ends(
+    manner: str, end: str, status: int | str, here: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def write(path: Path, *_: object) -> None:
+        path.write_bytes(b"film")
+
+    monkeypatch.setattr("qrobot.cli.run_film.write_film", write)
+    monkeypatch.setattr("qrobot.cli.run_film.write_animation", lambda _, *others: write(*others))
     (here / "ends.py").write_text(f"{SHORT}{end}\n")
     assert status_of(manner, "--record", "ends.gif", "ends.py") == status
     assert (here / "ends.gif").stat().st_size > 0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from itertools import pairwise
 
 import numpy as np
@@ -35,11 +36,13 @@ CELL = Fence(
 FENCES = FenceSet(PUMA, [BENCH, CELL], self_collision=True, self_margin=0.01)
 
 
+@cache
 def planned(fences: FenceSet | None) -> ExcitationPlan:
     regressor = gravity_regressor(PUMA)
     return make_plan(PUMA, regressor, base_of_robot(PUMA, regressor), fences=fences)
 
 
+@cache
 def excited(fences: FenceSet | None) -> Excitation:
     regressor = inertial_regressor(PUMA)
     return make_excitation(PUMA, regressor, base_of_robot(PUMA, regressor), RUNS, fences=fences)
@@ -86,9 +89,15 @@ def test_a_fast_run_that_is_stopped_anywhere_rests_before_the_fences() -> None:
             assert (FENCES.distances(stopped) > 0.0).all()
 
 
-def test_an_arm_that_waits_beside_a_fence_is_told_that_no_plan_is_clear() -> None:
-    ceiling = Fence(name="ceiling", shape="plane", position_m=(0.0, 0.0, 0.5), rpy_deg=(180.0, 0.0, 0.0))
-    with pytest.raises(IdentificationError, match="of 0 clear poses"):
+def test_an_arm_whose_pose_ready_is_beyond_a_fence_is_told_so_before_a_plan_is_sought() -> None:
+    ceiling = Fence(name="ceiling", shape="plane", keep="in", position_m=(0.0, 0.0, 0.5))
+    for plan in (planned, excited):
+        with pytest.raises(IdentificationError, match=r"is inside fence 'ceiling', .* move it in the robot file"):
+            plan(FenceSet(PUMA, [ceiling]))
+
+
+def test_an_arm_whose_pose_ready_is_too_near_to_a_fence_is_told_how_near() -> None:
+    top = 0.02 + max(max(a[2], b[2]) + radius for _, a, b, radius in FENCES.capsules_at(READY))
+    ceiling = Fence(name="ceiling", shape="plane", keep="in", position_m=(0.0, 0.0, top), margin_m=0.05)
+    with pytest.raises(IdentificationError, match="is 20 mm off fence 'ceiling', and plans keep 55 mm away"):
         planned(FenceSet(PUMA, [ceiling]))
-    with pytest.raises(IdentificationError, match="0 random runs are clear of floor, fences and the arm"):
-        excited(FenceSet(PUMA, [ceiling]))
