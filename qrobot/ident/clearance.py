@@ -52,7 +52,7 @@ class Clearance:
         return bool(self.of_poses(q[None])[0])
 
     def check_ready(self, q: Floats) -> None:
-        """Raises IdentificationError: the pose `ready` (n,), by way of which a plan gets everywhere, is not clear."""
+        """Look at the pose `ready` (n,), by way of which a plan gets everywhere. Raises IdentificationError: not clear."""
         reason = self._too_near_a_fence(q)
         if not reason and not self.of_pose(q):
             reason = "it is too near to the floor, the column or the arm itself"
@@ -62,7 +62,7 @@ class Clearance:
             )
 
     def _too_near_a_fence(self, q: Floats) -> str:
-        """Which part of the arm is too near to which fence at `q` (n,); empty when none is."""
+        """The part of the arm that is too near to a fence at `q` (n,), and that fence; empty when none is."""
         if self._fences is None:
             return ""
         near = min(self._fences.nearness(q), key=lambda near: near.distance - near.margin)
