@@ -52,7 +52,10 @@ class Clearance:
         return bool(self.of_poses(q[None])[0])
 
     def check_ready(self, q: Floats) -> None:
-        """Look at the pose `ready` (n,), by way of which a plan gets everywhere. Raises IdentificationError: not clear."""
+        """Look at the pose `ready` (n,), by which a plan gets everywhere.
+
+        Raises IdentificationError: it is not clear.
+        """
         reason = self._too_near_a_fence(q)
         if not reason and not self.of_pose(q):
             reason = "it is too near to the floor, the column or the arm itself"
