@@ -146,6 +146,7 @@ class ServoState:
     late_cycles: int = 0
     setpoint_seq: int = 0  # of the setpoint being played
     inputs: int = 0  # binary inputs, as bits of STATUS
+    pots_verdict: int = 0  # of `pots`, as it is told: PLAUSIBLE without a table
     hand: int = 0  # as asked for
     glitches: int = 0  # encoder jumps held back in a row
     law_failed: int = 0  # 1: the built-in law has replaced the user's

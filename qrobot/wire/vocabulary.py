@@ -73,8 +73,8 @@ class RobotFlag(IntFlag):
 
 FLAG_MEANING: Final[dict[RobotFlag, str]] = {
     RobotFlag.POWERED: "arm power is on, as the board's image shows it",
-    RobotFlag.CALIBRATED: "the counters are calibrated",
-    RobotFlag.ESTOP_OK: "the emergency stop is released",
+    RobotFlag.CALIBRATED: "the board's image shows calibrated counters; none has jumped, no potentiometer contradicts",
+    RobotFlag.ESTOP_OK: "the emergency stop is released, as the board's last image shows it",
     RobotFlag.GUARDED: "the guardian's heartbeat goes on",
     RobotFlag.AT_REST: "the reference of every joint stands still",
     RobotFlag.PAUSED: "the operator wants motions to stand still on their path",

@@ -36,6 +36,7 @@ class ServoSnapshot(StateTable[Floats]):
 
     tick: int = told("", "-", "cycles since the servo started")
     setpoint_seq: int = told("", "-", "number of the setpoint being played")
+    pots_verdict: int = told("", "-", "on the counters, see `servo.calibration.state`; PLAUSIBLE without a table")
 
 
 ROWS: Final = rows_of(ServoSnapshot)

@@ -9,13 +9,14 @@ from typing import Any, Final
 from qrobot.errors import ConfigError, LinkTimeout, ServoFault
 from qrobot.faultcodes import FaultCode, explain
 from qrobot.modecodes import Mode
-from qrobot.servo.calibration.state import FEWEST_INDEXES, MOST_INDEXES
+from qrobot.servo.calibration.state import FEWEST_INDEXES, IMPLAUSIBLE, MOST_INDEXES, PLAUSIBLE, UNJUDGED
 from qrobot.servo.memory.mailbox import CalibrationProgress, ServoMailbox
 from qrobot.servo.memory.published_state import FLAG_CALIBRATED, ServoSnapshot
 from qrobot.servo.modes import mode_name
 
 POLL_S: Final = 0.05
 POWER_PATIENCE_S: Final = 6.0  # the servo's own is 3 s
+POTS_PATIENCE_S: Final = 3.0  # [A] a servo of 100 Hz reads them for one second
 FORGET_S: Final = 0.2  # until the board shows that the calibrated bit is gone
 POWERED: Final = (Mode.UNCALIBRATED, Mode.HOLDING)
 BEGINNINGS: Final = (Mode.OFF, Mode.UNCALIBRATED, Mode.CALIBRATING)
@@ -72,8 +73,9 @@ def run_calibration(
     """
     if indexes and not FEWEST_INDEXES <= indexes <= MOST_INDEXES:
         raise ConfigError(f"{indexes} index pulses: {FEWEST_INDEXES} to {MOST_INDEXES} are possible")
-    before, halts = mailbox.snapshot(), mailbox.halts
-    if before.flags & FLAG_CALIBRATED and before.event != FaultCode.CAL_MISMATCH:
+    halts = mailbox.halts
+    before = _judged(mailbox, wait)
+    if before.flags & FLAG_CALIBRATED and before.pots_verdict == PLAUSIBLE:
         return ALREADY
     if before.mode not in BEGINNINGS:
         raise ServoFault(before.fault, _refusal(before, f"the servo is in mode {mode_name(before.mode)}, not OFF"))
@@ -117,7 +119,7 @@ def _power_on(mailbox: ServoMailbox, wait: Wait, before: ServoSnapshot, halts: t
 
     Counters that the potentiometers contradict are given up first.
     """
-    if before.flags & FLAG_CALIBRATED:
+    if before.pots_verdict == IMPLAUSIBLE:
         mailbox.request_calibration()
     mailbox.request_power(False)
     wait(FORGET_S)
@@ -162,6 +164,15 @@ def _until(
         tick = state.tick
         wait(POLL_S)
     raise LinkTimeout(f"the servo stays in mode {mode_name(mailbox.snapshot().mode)}: is its arm free to move?")
+
+
+def _judged(mailbox: ServoMailbox, wait: Wait) -> ServoSnapshot:
+    """The state once the potentiometers have been judged, or too much time has passed: their board may be away."""
+    for _ in range(round(POTS_PATIENCE_S / POLL_S)):
+        if mailbox.snapshot().pots_verdict != UNJUDGED:
+            break
+        wait(POLL_S)
+    return mailbox.snapshot()
 
 
 def _refusal(state: ServoSnapshot, what: str) -> str:

@@ -15,10 +15,11 @@ from functools import partial
 from typing import Final, TypeVar
 
 from qrobot.errors import LinkBusy, LinkError, LinkTimeout, QRobotError
-from qrobot.faultcodes import FaultCode, explain
+from qrobot.faultcodes import explain
 from qrobot.modecodes import Mode
 from qrobot.model.payload_judge import PayloadJudge
 from qrobot.realtime.deadline import sleep_between_looks
+from qrobot.servo.calibration.state import IMPLAUSIBLE
 from qrobot.servo.memory.commander_lock import Authority
 from qrobot.servo.modes import mode_name
 from qrobot.servo.operator.controlled import Controlled
@@ -216,7 +217,7 @@ class Controls:
         mailbox = self._servo.mailbox
         halts = mailbox.halts
         snapshot = mailbox.snapshot()
-        contradicted = snapshot.mode == Mode.OFF and snapshot.event == FaultCode.CAL_MISMATCH
+        contradicted = snapshot.mode == Mode.OFF and snapshot.pots_verdict == IMPLAUSIBLE
         if snapshot.mode != Mode.UNCALIBRATED and not contradicted:
             mode = mode_name(snapshot.mode)
             raise QRobotError(f"not in mode {mode}: an arm calibrates under power, while it is UNCALIBRATED")

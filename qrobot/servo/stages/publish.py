@@ -9,6 +9,8 @@ from qrobot.modecodes import Mode
 from qrobot.realtime.atomics import store_release
 from qrobot.realtime.flat_record import copy_fields
 from qrobot.realtime.jit import lean_kernel
+from qrobot.servo.calibration.potentiometers import has_table
+from qrobot.servo.calibration.state import IMPLAUSIBLE, PLAUSIBLE
 from qrobot.servo.laws.law import SIGNALS_AT
 from qrobot.servo.memory.published_state import (
     FLAG_AT_REST,
@@ -22,6 +24,7 @@ from qrobot.servo.memory.published_state import (
 )
 from qrobot.servo.memory.telemetry import FLAG_UNSEEN
 from qrobot.servo.parameters import ServoParameters
+from qrobot.servo.stages.inputs import GLITCHES_TO_FAULT
 from qrobot.servo.stages.mode_machine import guardian_alive
 from qrobot.servo.state import ServoState
 
@@ -31,6 +34,7 @@ CALIBRATING: Final = int(Mode.CALIBRATING)
 @lean_kernel
 def publish(params: ServoParameters, state: ServoState, mail: Any, now_ns: int, late_ns: int) -> None:
     """Publish heartbeat and state; fill the telemetry row (the loop appends it)."""
+    state.pots_verdict = state.pots.verdict if has_table(params) else PLAUSIBLE
     state.flag_bits = compose_flags(params, state, mail, now_ns)
     state.setpoint_seq = state.next_seq - 1
     state.inputs, state.hand = state.status & STATUS_INPUTS, mail.command.hand
@@ -55,12 +59,18 @@ def publish_calibration(mail: Any, calibration: Any) -> None:
 
 
 @lean_kernel
+def _counters_are_doubted(state: ServoState) -> bool:
+    """True of counters that have jumped, or that the potentiometers contradict."""
+    return bool(state.glitches >= GLITCHES_TO_FAULT or state.pots_verdict == IMPLAUSIBLE)
+
+
+@lean_kernel
 def compose_flags(params: ServoParameters, state: ServoState, mail: Any, now_ns: int) -> int:
     """FLAG_* of this tick."""
     status, flags = state.status, 0
     if state.image_ok != 0 and status & STATUS_POWER != 0:
         flags |= FLAG_POWERED
-    if status & STATUS_CALIBRATED != 0:
+    if state.image_ok != 0 and status & STATUS_CALIBRATED != 0 and not _counters_are_doubted(state):
         flags |= FLAG_CALIBRATED
     if status & STATUS_ESTOP_OK != 0:
         flags |= FLAG_ESTOP_OK

@@ -13,13 +13,14 @@ from qrobot.faultcodes import NO_JOINT, FaultCode
 from qrobot.modecodes import Mode
 from qrobot.rig.interrupts import interrupted_by_signals
 from qrobot.rig.table_maker import make_table
-from qrobot.servo.calibration.state import Stage
+from qrobot.servo.calibration.state import PLAUSIBLE, Stage
+from qrobot.servo.calibration.table import CalibrationTable
 from qrobot.servo.memory.mailbox import ServoMailbox
-from qrobot.servo.memory.published_state import FLAG_CALIBRATED
+from qrobot.servo.memory.published_state import FLAG_CALIBRATED, FLAG_ESTOP_OK
 from qrobot.servo.operator.calibration_client import run_calibration
 from qrobot.sim_board.emulator import Emulator
 from qrobot.sim_board.faults import FaultPlan
-from tests.support.calibrating import PUMA, CalibratingRig, random_pose
+from tests.support.calibrating import PUMA, TABLE, CalibratingRig, random_pose
 from tests.support.signals import at_once, default_signals
 
 
@@ -143,16 +144,95 @@ def test_a_servo_started_again_adopts_a_calibrated_board_without_moving_it() -> 
     assert second.exact()
 
 
-def test_counters_that_the_potentiometers_contradict_get_no_power_and_are_mended_by_a_calibration() -> None:
+def contradicted() -> CalibratingRig:
+    """A calibrated board, one of whose counters is two motor turns off."""
     rig = CalibratingRig(calibrated=True)
     rig.emulator.bundle.board.encoders.counter[3] += 2 * 1000
     rig.emulator.connect(rig.board, rig.now_ns)
+    return rig
+
+
+def test_counters_that_the_potentiometers_contradict_get_no_power_and_are_mended_by_a_calibration() -> None:
+    rig = contradicted()
     rig.powered()
     assert rig.mode is Mode.OFF
     assert rig.event == (FaultCode.CAL_MISMATCH, 3)
     assert not rig.emulator.powered
     assert not rig.calibrate().was_calibrated
     assert rig.exact()
+
+
+@pytest.mark.parametrize("seconds", [0.0, 0.01, 0.5])
+def test_counters_that_are_contradicted_are_mended_though_nobody_has_asked_for_power(seconds: float) -> None:
+    """So long after the servo has met the board."""
+    rig = contradicted()
+    rig.run_for(seconds)
+    assert not rig.calibrate(3).was_calibrated
+    assert rig.exact()
+
+
+def ask_beside_an_emergency_stop(rig: CalibratingRig) -> None:
+    rig.board.panel.estop = 1
+    rig.run_for(0.1)
+    rig.powered()
+    rig.board.panel.estop = 0
+
+
+def ask_beside_a_stop(rig: CalibratingRig) -> None:
+    rig.mailbox.request_stop()
+    rig.powered()
+
+
+@pytest.mark.parametrize(
+    ("ask", "told"), [(ask_beside_an_emergency_stop, FaultCode.ESTOP), (ask_beside_a_stop, FaultCode.POWER_STOPPED)]
+)
+def test_counters_that_are_contradicted_are_mended_whatever_has_been_told_last(
+    ask: Callable[[CalibratingRig], None], told: FaultCode
+) -> None:
+    rig = contradicted()
+    rig.powered()
+    rig.mailbox.request_power(False)
+    rig.run_for(0.1)
+    ask(rig)
+    assert rig.event[0] is told
+    assert not rig.seen.flags & FLAG_CALIBRATED
+    assert not rig.calibrate(3).was_calibrated
+    assert rig.exact()
+
+
+def test_an_arm_with_right_counters_is_not_powered_to_find_that_out() -> None:
+    rig = CalibratingRig(calibrated=True)
+    assert rig.calibrate().was_calibrated
+    assert rig.seen.pots_verdict == PLAUSIBLE
+    assert rig.mailbox.memory.command.power_ons == 0
+
+
+@pytest.mark.parametrize("table", [TABLE, None])
+def test_of_a_board_that_is_away_nobody_says_that_it_has_kept_its_counters(table: CalibrationTable | None) -> None:
+    rig = CalibratingRig(calibrated=True, table=table)
+    rig.run_for(0.5)
+    assert rig.seen.flags & FLAG_CALIBRATED
+
+    def wait(_seconds: float) -> None:
+        for _ in range(20):
+            rig.compute()  # no image comes meanwhile
+
+    wait(0.0)
+    assert not rig.seen.flags & FLAG_CALIBRATED
+    assert rig.seen.flags & FLAG_ESTOP_OK  # nobody has seen it pressed
+    with pytest.raises(ServoFault, match="no arm power: BOARD_GONE") as refusal:
+        run_calibration(rig.mailbox, wait)
+    assert refusal.value.code == FaultCode.BOARD_GONE
+
+
+def test_counters_that_have_jumped_are_not_calibrated_before_the_fault_is_cleared_either() -> None:
+    rig = CalibratingRig(calibrated=True).powered()
+    rig.emulator.bundle.board.encoders.counter[3] += 2 * 1000
+    rig.run_for(0.1)
+    assert rig.event == (FaultCode.ENC_JUMP, 3)
+    assert not rig.seen.flags & FLAG_CALIBRATED
+    with pytest.raises(ServoFault, match="in mode FAULT, not OFF: joint 4: ENC_JUMP"):
+        rig.calibrate()
 
 
 def test_power_asked_for_at_once_waits_for_the_potentiometers() -> None:

@@ -33,6 +33,7 @@ from qrobot.modecodes import Mode
 from qrobot.realtime.page_faults import FaultWatch
 from qrobot.realtime.structure import view_words
 from qrobot.report import QueuedReport
+from qrobot.servo.calibration.state import IMPLAUSIBLE
 from qrobot.servo.laws import LAWS, find_law
 from qrobot.servo.laws.law import KP, KV, Law
 from qrobot.servo.laws.law_swap import SwapState
@@ -413,6 +414,24 @@ def test_a_calibrated_arm_does_not_calibrate_and_says_so(client: ServoClient) ->
         act()
         with pytest.raises(QRobotError, match=f"not in mode {mode}: an arm calibrates under power"):
             client.calibrate()
+
+
+def test_counters_that_the_potentiometers_contradict_are_given_up_whatever_was_told_last(
+    servo: Bench, client: ServoClient
+) -> None:
+    bench = servo.bench
+    client.power_off()
+    rows = bench.params.calibration.rows
+    rows[0] = 1  # as with a table
+    try:
+        bench.state.pots.verdict = IMPLAUSIBLE
+        wait_until(lambda: bench.snapshot.pots_verdict == IMPLAUSIBLE, "the verdict is told")
+        assert not client.status().calibrated
+        assert client.calibrate().mode == "OFF"
+        wait_until(lambda: bench.snapshot.pots_verdict != IMPLAUSIBLE, "the counters are read anew")
+    finally:
+        rows[0] = 0
+    assert client.power_on().mode == "HOLDING"  # the cardboard shows them as calibrated whatever it is told
 
 
 def test_a_mistake_of_ours_is_an_answer_and_the_servo_goes_on(

@@ -103,13 +103,14 @@ def test_numbers_stand_at_multiples_of_their_size_whatever_comes_before() -> Non
     assert places["vector"] - places["wide"] == 4
 
 
-def test_snapshot_and_packet_have_the_fields_of_the_table_and_the_snapshot_two_more() -> None:
+def test_snapshot_and_packet_have_the_fields_of_the_table_and_the_snapshot_three_more() -> None:
     assert [row.name for row in rows_of(RobotState)] == [row.name for row in rows_of(StateTable)]
-    assert [row.name for row in ROWS] == [*(row.name for row in rows_of(StateTable)), "tick", "setpoint_seq"]
+    more = ["tick", "setpoint_seq", "pots_verdict"]
+    assert [row.name for row in ROWS] == [*(row.name for row in rows_of(StateTable)), *more]
 
 
 def test_the_operators_status_has_what_the_state_has_under_the_same_names() -> None:
-    elsewhere = {"t_ns", "flags", "q_setpoint", "force", "sensors", "setpoint_seq"}  # flags by name; others are logged
+    elsewhere = {"t_ns", "flags", "q_setpoint", "force", "sensors", "setpoint_seq", "pots_verdict"}  # flags by name
     assert {row.name for row in ROWS} - elsewhere <= set(ServoStatus.model_fields)
 
 
