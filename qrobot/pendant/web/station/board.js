@@ -1,5 +1,5 @@
 // The tab Board: registers and bits as they are, live; panel and faults of an emulated board.
-import { ask } from "./ask.js";
+import { askOfArm } from "./ask.js";
 import { el, setAttribute, setText } from "./dom.js";
 import { link } from "./link.js";
 
@@ -77,13 +77,27 @@ export function makeBoard(root) {
     panel.show(board.faults);
   }
 
+  // What is shown is of one arm.
+  function forget() {
+    [arm, kinds, known] = [link.chosen, null, ""];
+    cells.clear();
+    for (const each of [tables, bits, moduleList, counters]) {
+      each.replaceChildren();
+      delete each.dataset.told;
+    }
+    for (const each of [facts, problem]) setText(each, "");
+    for (const each of [modules, problem, real, work]) each.hidden = true;
+    panel.forget();
+  }
+
   async function look() {
     panel.enable();
     if (busy || root.hidden || document.hidden || !link.open) return;
     busy = true;
     try {
-      if (arm !== link.chosen) [arm, kinds, known] = [link.chosen, null, ""];
-      const seen = await (await ask("board", { arm, kinds: !kinds?.length })).json();
+      if (arm !== link.chosen) forget();
+      const seen = await askOfArm("board", { kinds: !kinds?.length });
+      if (!seen) return;
       real.hidden = seen.emulated;
       work.hidden = !seen.emulated;
       if (seen.kinds) panel.choose((kinds = seen.kinds), link.arm.facts.joints.length);
@@ -98,6 +112,7 @@ export function makeBoard(root) {
       busy = false;
     }
   }
+  link.addEventListener("chosen", forget);
   setInterval(look, LOOK_MS);
 }
 
@@ -145,6 +160,11 @@ function makePanel(root) {
   );
   root.append(fields, list);
   return {
+    forget: () => {
+      for (const each of inputs) each.firstChild.checked = false;
+      list.replaceChildren();
+      delete list.dataset.told;
+    },
     enable: () => (fields.disabled = !link.driving),
     choose: (all, joints) => {
       kinds = all;

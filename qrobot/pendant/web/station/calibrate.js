@@ -1,5 +1,5 @@
 // The tab Calibrate, identify: their steps one after the other, with progress and results.
-import { ask } from "./ask.js";
+import { askOfArm } from "./ask.js";
 import { el, setAttribute, setText } from "./dom.js";
 import { link } from "./link.js";
 
@@ -48,16 +48,19 @@ export function makeCalibrate(root) {
   let shown = { arm: -1, run: -1, next: 0, lines: [] }, looking = false;
   const facts = () => link.armStatus?.procedure ?? { run: 0, state: "none" };
 
+  function forget() {
+    shown = { arm: link.chosen, run: facts().run, next: 0, lines: [] };
+    setText(output, "");
+  }
+
   async function look() {
     if (looking || root.hidden || !link.open) return;
     looking = true;
     try {
-      const now = facts(), arm = link.chosen;
-      if (shown.arm !== arm || shown.run !== now.run) {
-        shown = { arm, run: now.run, next: 0, lines: [] };
-        setText(output, "");
-      }
-      const got = await (await ask("procedure", { arm, after: shown.next })).json();
+      const now = facts();
+      if (shown.arm !== link.chosen || shown.run !== now.run) forget();
+      const got = await askOfArm("procedure", { after: shown.next });
+      if (!got) return;
       if (got.run === shown.run && got.lines.length) {
         shown.lines = [...shown.lines, ...got.lines].slice(-MOST_LINES);
         shown.next = got.first + got.lines.length;
@@ -94,6 +97,7 @@ export function makeCalibrate(root) {
     progress(now);
   };
   for (const name of ["hello", "chosen"]) link.addEventListener(name, close);
+  link.addEventListener("chosen", forget);
   for (const name of ["hello", "status", "chosen"]) link.addEventListener(name, show);
   setInterval(look, LOOK_MS);
 }

@@ -1,5 +1,5 @@
 // What the arm carries, and what follows when it meets something: shown to all, chosen by the page that drives.
-import { ask } from "./ask.js";
+import { askOfArm } from "./ask.js";
 import { el, setText } from "./dom.js";
 import { digits } from "./kinematics.js";
 import { link } from "./link.js";
@@ -34,19 +34,24 @@ export function loadCard() {
   const show = () => {
     for (const each of [mass, ...centre, set, share, reaction, choose, goBack]) each.disabled = !link.driving;
   };
+  const forget = () => {
+    setText(carries, "load ?");
+    setText(told, "");
+  };
   const look = async () => {
     if (!link.open || carries.offsetParent === null) return;
     try {
-      const now = await (await ask("load", { arm: link.chosen })).json();
+      const now = await askOfArm("load");
+      if (!now) return;
       const name = REACTIONS.find(([value]) => value === now.reaction)[1];
       setText(carries, now.mass ? `carries ${digits(now.mass, 2)} kg` : "carries nothing");
       setText(told, `Now: ${name}; a collision is told above ${now.thresholds.join(", ")} N m (N) that nobody commanded, joint by joint. A program may choose otherwise; when it ends, the robot file counts.`);
     } catch {
-      setText(carries, "load ?");
-      setText(told, "");
+      forget();
     }
   };
   for (const name of ["hello", "status", "chosen"]) link.addEventListener(name, show);
+  link.addEventListener("chosen", () => (forget(), look()));
   setInterval(look, LOOK_MS);
   show();
   return el("div", { class: "card load" }, el("h2", {}, "Load and collisions"),

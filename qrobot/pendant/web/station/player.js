@@ -53,7 +53,7 @@ export class Player {
 
   clear() {
     this.play(false);
-    this.load(new ArrayBuffer(0));
+    if (this.view) this.load(new ArrayBuffer(0));
   }
 
   drawWay() {

@@ -1,5 +1,5 @@
 // The tab Programs: those of the folder, their sources, started off line, in lock-step or live, and what they print.
-import { ask } from "./ask.js";
+import { ask, askOfArm } from "./ask.js";
 import { el, setAttribute, setText } from "./dom.js";
 import { speedCard } from "./drive.js";
 import { link } from "./link.js";
@@ -70,7 +70,8 @@ export function makePrograms(root) {
   async function renew() {
     if (!link.open) return;
     try {
-      const answered = await (await ask("programs", { arm: link.chosen })).json();
+      const answered = await askOfArm("programs");
+      if (!answered) return;
       programs = answered.programs;
       setText(where, answered.where ? `in ${answered.where}` : "Start the pendant with --programs FOLDER to have programs here; recordings of an arm led by hand are here anyway.");
       list.replaceChildren(...programs.map((each) => el("button", { role: "option", class: "program", "data-name": each.name, onclick: () => choose(each) }, el("span", {}, each.name), el("small", {}, each.language))));
@@ -117,6 +118,14 @@ export function makePrograms(root) {
     return first < 0 ? null : first + 1 + Number(place[1]);
   }
 
+  function forget() {
+    const now = facts();
+    if (shown.arm !== link.chosen || now.state === "running" || !now.run) player.clear();
+    shown = { arm: link.chosen, run: now.run, next: 0, lines: [], loaded: 0 };
+    setText(output, "");
+    trace.hidden = true;
+  }
+
   async function look() {
     if (root.hidden) listed = false;
     if (looking || root.hidden || !link.open) return;
@@ -124,16 +133,15 @@ export function makePrograms(root) {
     looking = true;
     try {
       const now = facts(), arm = link.chosen;
-      if (shown.arm !== arm || shown.run !== now.run) {
-        shown = { arm, run: now.run, next: 0, lines: [], loaded: 0 };
-        setText(output, "");
-        if (now.state === "running" || !now.run) player.clear();
-      }
-      const got = await (await ask("programs/output", { arm, after: shown.next })).json();
+      if (shown.arm !== arm || shown.run !== now.run) forget();
+      const got = await askOfArm("programs/output", { after: shown.next });
+      if (!got) return;
       if (got.run === shown.run && got.lines.length) append(got);
       if (now.run && now.state !== "running" && shown.loaded !== now.run) {
         shown.loaded = now.run;
-        player.load(await (await ask("programs/setpoints", { arm })).arrayBuffer());
+        const found = await askOfArm("programs/setpoints", {}, "arrayBuffer");
+        if (!found) return;
+        player.load(found);
         if (now.manner !== "live") player.play(true);
         trace.hidden = !got.results.includes("requests");
         trace.href = `/ask/programs/requests?arm=${arm}`;
@@ -172,6 +180,7 @@ export function makePrograms(root) {
     mark();
   };
   for (const name of ["hello", "chosen"]) link.addEventListener(name, () => offer(false));
+  link.addEventListener("chosen", forget);
   for (const name of ["hello", "status", "chosen"]) link.addEventListener(name, show);
   for (const name of ["hello", "chosen"]) link.addEventListener(name, () => !root.hidden && renew());
   setInterval(look, LOOK_MS);
