@@ -16,6 +16,11 @@ pytestmark = pytest.mark.realtime
 
 NUMBERS = [400.0, 0.0, 0.0, 90.0, 0.0, 0.0]
 CELL = ".place-editor input[type=number]"
+TAKEN = """
+pendant.view.draw();
+const { geometries, textures } = pendant.view.renderer.info.memory;
+return [geometries, textures];
+"""
 LOST = "STOP HAS NOT REACHED THE PENDANT"
 
 
@@ -100,3 +105,16 @@ def test_what_every_page_may_ask_for_can_be_pressed_while_nothing_is_heard_of_th
         page.click("power-off")
         choose_arm(page, 0)
         wait_until(lambda: page.shows("#fault", "absent: Power off HAS NOT REACHED THE ARM"), "it was asked for")
+
+
+def test_a_page_whose_connection_is_lost_again_and_again_draws_the_arms_with_what_it_took_first(
+    pendant: Pendant,
+) -> None:
+    with open_browser() as driver:
+        page = Page(driver, pendant.address)
+        taken = page.run(TAKEN)
+        assert min(taken) > 0
+        for _ in range(3):
+            lose_the_connection(page)
+            wait_until(lambda: page.run("return pendant.arm.state !== null"), "the arm is shown again")
+        assert page.run(TAKEN) == taken

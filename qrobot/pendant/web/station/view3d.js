@@ -40,6 +40,16 @@ class ArmFigure {
     this.old = false;
   }
 
+  // Take it out of the picture, and give back what it takes of the graphics processor, which nobody else does.
+  leave() {
+    this.root.removeFromParent();
+    this.root.traverse(({ geometry, material }) => {
+      geometry?.dispose();
+      material?.map?.dispose();
+      material?.dispose();
+    });
+  }
+
   // Draw it faintly, without colour: what is shown is old.
   fade(old) {
     if (old === this.old) return false;
@@ -222,7 +232,7 @@ export class View {
   }
 
   setArms(all) {
-    for (const figure of this.figures) this.scene.remove(figure.root);
+    for (const figure of this.figures) figure.leave();
     const frames = bases(all);
     this.figures = all.map((facts, k) => new ArmFigure(facts, frames[k]));
     for (const figure of this.figures) this.scene.add(figure.root);
