@@ -6,6 +6,7 @@ for of two that were made shortly after each other the newer one has to be in fo
 
 from __future__ import annotations
 
+import logging
 import threading
 from collections.abc import Callable, Sequence
 from typing import Final
@@ -15,6 +16,7 @@ from qrobot.pendant.request_lane import RequestLane
 from qrobot.servo.operator.client import ServoClient
 from qrobot.servo.operator.messages import ServoStatus
 
+_log: Final = logging.getLogger(__name__)
 MOST_STOPS: Final = 4  # of one arm under way: what has been sent need not be sent again
 ANSWER_S: Final = 0.2  # patience with the servo's answer to a stop
 REPLY_S: Final = 30.0  # with the others
@@ -87,7 +89,9 @@ class ServoRequests:
                 with self._connect(self._arm, ANSWER_S) as servo:
                     mode = act(servo).mode
                 self._confirm(number, f"{name} was pressed: the servo is {mode}; {go_on}")
-            except QRobotError as error:
+            except Exception as error:  # one that is none of ours as well: the servo has confirmed nothing
+                if not isinstance(error, QRobotError):
+                    _log.exception("%s could not be asked of the servo", name)
                 self._doubt(number, _unsure(name, error, by_bridge))
             finally:
                 room.release()
@@ -153,8 +157,9 @@ class ServoRequests:
         self._lanes[OPPOSITES.get(name, name)].put(run)
 
 
-def _unsure(name: str, error: QRobotError, by_bridge: bool) -> str:
+def _unsure(name: str, error: Exception, by_bridge: bool) -> str:
     """Words for people when the servo itself did not say that the arm stands."""
+    why = str(error) if isinstance(error, QRobotError) else f"{type(error).__name__}: {error}"
     if by_bridge:
-        return f"{name} was sent by the bridge; watch that the arm stands: the servo did not confirm it ({error})"
-    return f"{name} HAS NOT REACHED THE ARM: press the emergency stop ({error}; the bridge is away)"
+        return f"{name} was sent by the bridge; watch that the arm stands: the servo did not confirm it ({why})"
+    return f"{name} HAS NOT REACHED THE ARM: press the emergency stop ({why}; the bridge is away)"

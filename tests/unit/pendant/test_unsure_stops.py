@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import queue
 import threading
+from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, Self
@@ -102,6 +104,27 @@ def test_each_stop_that_is_not_answered_is_told_anew(tmp_path: Path) -> None:
     for count in (1, 2):
         floor.stop()
         assert [arm["unsures"] for arm in json.loads(floor.status(floor.pages[0]))["arms"]] == [count, 0]
+
+
+class MistakenServo(Servo):
+    """One whose client makes a mistake of its own."""
+
+    def stop(self) -> Any:
+        raise ValueError("an answer that nobody has thought of")
+
+    power_off = stop
+
+
+@pytest.mark.parametrize("halt", [ServoRequests.stop, ServoRequests.power_off])
+def test_a_stop_that_fails_by_a_mistake_of_ours_is_not_certain_either(
+    halt: Callable[[ServoRequests, bool], None],
+) -> None:
+    told: queue.SimpleQueue[str] = queue.SimpleQueue()
+    requests = ServoRequests("arm", told.put, MistakenServo())  # type: ignore[arg-type]
+    halt(requests, False)
+    line = told.get(timeout=PATIENCE_S)
+    assert "HAS NOT REACHED THE ARM: press the emergency stop (ValueError: an answer that nobody" in line
+    assert requests.unsure == line
 
 
 class SlowServo(Servo):
