@@ -9,10 +9,12 @@ import threading
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from qrobot.config.deployment import BoardChoice, DeployedArm, ServoChoice
 from qrobot.realtime.own_process import own_command
+
+WRITING_S: Final = 120.0  # [A] twice what the longest recordings take
 
 
 def told_arm(arm: DeployedArm) -> str:
@@ -68,14 +70,20 @@ class JogWorker:
                 self._process.stdin.close()
 
     def wait(self, seconds: float) -> None:
-        """Wait for the end of the process, for at most so long; one that has not ended is killed."""
-        if self._process is None:
+        """Wait for the end of the process, for at most so long; one that has not ended is killed.
+
+        One that writes a recording moves nothing, and is waited for much longer.
+        """
+        if self._process is None or self._ends_within(seconds) or (self.writes and self._ends_within(WRITING_S)):
             return
-        try:
+        self._process.kill()
+        self._process.wait()
+
+    def _ends_within(self, seconds: float) -> bool:
+        assert self._process is not None
+        with suppress(subprocess.TimeoutExpired):
             self._process.wait(seconds)
-        except subprocess.TimeoutExpired:
-            self._process.kill()
-            self._process.wait()
+        return self._process.returncode is not None
 
     def _listen(self, process: subprocess.Popen[bytes]) -> None:
         assert process.stdout is not None
