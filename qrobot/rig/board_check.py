@@ -301,17 +301,20 @@ def turn_by_hand(walk: Walk) -> str:
     told = []
     for joint in free:
         before = walk.counts()
-        if not walk.ask(f"Turn joint {joint + 1} by hand towards positive angles, by some ten degrees. Done?"):
-            raise StepError(f"joint {joint + 1} was not turned", "make the walk again")
+        way = _SLIDE if walk.robot.prismatic[joint] else _TURN
+        if not walk.ask(way.format(joint + 1)):
+            raise StepError(f"joint {joint + 1} was not moved", "make the walk again")
         walk.look()
         by = walk.moved(before)[joint] * float(np.sign(walk.robot.transmission.rad_per_count[joint]))
         if by <= STILL:
             raise StepError(f"joint {joint + 1} counted {by:+.0f}", reversed_counts(walk))
         walk.ways_seen.add(joint)
         told.append(f"joint {joint + 1} {by:+.0f}")
-    return "counts towards positive angles: " + ", ".join(told)
+    return "counts the positive way: " + ", ".join(told)
 
 
+_TURN: Final = "Turn joint {} by hand towards positive angles, by some ten degrees. Done?"
+_SLIDE: Final = "Slide joint {} by hand towards positive positions, by some centimetres. Done?"
 _HOLD_ARM: Final = (
     "The brakes will open and the arm may sink by some degrees: is it supported or hanging, with nobody in its reach "
     "and a hand on the emergency stop?"

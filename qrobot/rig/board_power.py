@@ -79,12 +79,12 @@ def _pushed_to_be_seen(walk: Walk, joint: int) -> int:
 
 
 def _went_up(walk: Walk, joint: int, by: float) -> bool:
-    """Whether the operator saw the joint go towards positive angles."""
-    name = f"Joint {joint + 1} ({walk.robot.joint_names[joint]})"
-    far = _distance(walk.robot, joint, abs(by))
-    if walk.ask(f"{name} was pushed by {far}: does it stand further towards positive angles than before?"):
+    """Whether the operator saw the joint go the positive way."""
+    name, far = f"Joint {joint + 1} ({walk.robot.joint_names[joint]})", _distance(walk.robot, joint, abs(by))
+    places = "positions" if walk.robot.prismatic[joint] else "angles"
+    if walk.ask(f"{name} was pushed by {far}: does it stand further towards positive {places} than before?"):
         return True
-    if walk.ask(f"{name}: does it stand further towards negative angles?"):
+    if walk.ask(f"{name}: does it stand further towards negative {places}?"):
         return False
     raise StepError(
         f"nobody saw which way joint {joint + 1} went", "draw a line across the joint, and make the walk again"

@@ -13,7 +13,7 @@ from qrobot.c_transport import callback_slot, engine
 from qrobot.c_transport.message import Op
 from qrobot.rccl.c.program import run_executable
 from qrobot.realtime.setup import favoured_thread
-from tests.support.c_programs import compiled_text, needs_compiler, offline
+from tests.support.c_programs import compiled_text, needs_compiler, offline, ran
 
 pytestmark = [needs_compiler, pytest.mark.usefixtures("own_cache")]
 
@@ -36,6 +36,35 @@ TEXT = """
         waitfor(completed)
         release("done");
         printf("%d %d %d\\n", quick, slow, asked);
+        return 0;
+    }
+"""
+
+THREADS = """
+    #include <pthread.h>
+    pthread_barrier_t together;
+    TRSF_PTR made[8];
+
+    void *first(void *place)
+    {
+        char name[8];
+        snprintf(name, sizeof name, "T%d", (int) ((TRSF_PTR *) place - made));
+        pthread_barrier_wait(&together);
+        *(TRSF_PTR *) place = gentr_trsl(name, 100., 200., 300.);
+        return NULL;
+    }
+
+    main()
+    {
+        pthread_t threads[8];
+        int i;
+        pthread_barrier_init(&together, NULL, 8);
+        for (i = 0; i < 8; i++)
+            pthread_create(&threads[i], NULL, first, &made[i]);
+        for (i = 0; i < 8; i++)
+            pthread_join(threads[i], NULL);
+        for (i = 0; i < 8; i++)
+            printf("%s %.0f\\n", made[i]->name, made[i]->p.x + made[i]->p.y + made[i]->p.z);
         return 0;
     }
 """
@@ -153,3 +182,17 @@ def test_the_thread_of_these_functions_is_favoured_where_that_is_allowed(folder:
     status, _ = offline(lambda: run_executable(compiled_text(FAVOURED, folder, name="favoured")))
     assert status == 0
     assert capfd.readouterr().out.splitlines()[-1] == f"{allowed} {own}"
+
+
+@pytest.mark.parametrize("waits", [True, False], ids=["engine that waits", "engine of its own"])
+def test_threads_whose_first_calls_overlap_wait_for_the_engine(
+    waits: bool, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    program = compiled_text(THREADS, tmp_path, "-pthread")
+    if waits:
+        status, _ = offline(lambda: run_executable(program))
+        out = capfd.readouterr().out
+    else:
+        status, out, _ = ran(program)
+    assert status == 0
+    assert out.splitlines() == [f"T{number} 600" for number in range(8)]

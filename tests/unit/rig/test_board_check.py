@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from qrobot.arrays import Words
+from qrobot.config import load_robot
 from qrobot.config.values import frozen
 from qrobot.errors import LinkLost
 from qrobot.hwif.bus import Operations
@@ -30,7 +31,7 @@ from qrobot.hwif.registers import (
     STATUS_ADC_BUSY,
     STATUS_INDEX,
 )
-from qrobot.rig.board_check import STEPS, Permissions, check_board
+from qrobot.rig.board_check import STEPS, Permissions, check_board, turn_by_hand
 from qrobot.rig.board_power import see_ways
 from qrobot.rig.board_walk import SCRATCH, LeftOutError, StepError, Walk
 from qrobot.rig.interrupts import interrupted_by_signals
@@ -177,6 +178,16 @@ def test_an_encoder_that_counts_backwards_is_found_by_hand() -> None:
     *_, last = desk.check(EVERYTHING)
     assert (last.step, last.ok) == ("encoders by hand", False)
     assert "swap A and B" in last.remedy
+
+
+def test_of_a_joint_that_slides_nobody_is_asked_for_angles() -> None:
+    stanford = load_robot("stanford")
+    free = {"brake": frozen(~stanford.prismatic)}
+    desk = Desk(stanford.model_copy(update={"transmission": stanford.transmission.model_copy(update=free)}))
+    desk.answer = lambda _question: False
+    with pytest.raises(StepError, match="joint 3 was not moved"):
+        turn_by_hand(desk.walk)
+    assert desk.asked == ["Slide joint 3 by hand towards positive positions, by some centimetres. Done?"]
 
 
 @pytest.mark.parametrize("start", ["park", "ready", "end"])

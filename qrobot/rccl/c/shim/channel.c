@@ -178,7 +178,7 @@ int shim_calling(void)
 struct message *shim_ask(struct message *m)
 {
     if (in_call)
-        shim_die("a handler that interrupts a call must not call, nor jump out of it: let it set nextmove or terminate");
+        shim_die(SHIM_IN_HANDLER);
     shim_start();
     if (served >= 0) {
         by_message = 1;

@@ -146,6 +146,8 @@ void shim_free(void *p);
 void shim_globals(int64_t *refs);
 
 /* channel.c */
+#define SHIM_IN_HANDLER \
+    "a handler that interrupts a call must not call, nor jump out of it: let it set nextmove or terminate"
 struct message shim_message(enum op op, const char *text);
 struct message *shim_ask(struct message *m); /* Ask the engine; the answer, OP_REPLY or OP_ERROR, stands in m. */
 int shim_serving(void); /* True in a function that the engine calls. */

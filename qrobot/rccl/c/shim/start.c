@@ -292,12 +292,8 @@ static void close_in_child(void)
     }
 }
 
-void shim_start(void)
+static void reach_engine(void)
 {
-    if (owner && owner != getpid())
-        shim_die("a child of the program has no arm: whoever made the first call makes the others");
-    if (owner)
-        return;
     if (rci_is_virtual && rci_is_virtual())
         shim_die("tasks of RCI are active on virtual time, which would not pass for an arm of RCCL or ARCL; run the program "
                  "without --lockstep and --offline, against `qrobot up`");
@@ -307,7 +303,26 @@ void shim_start(void)
     pthread_atfork(NULL, NULL, close_in_child);
     greet(channels[0], file);
     shim_open(channels[0]);
-    reached = 1;
     start_serving(channels[1]);
     catch_signals();
+    __atomic_store_n(&reached, 1, __ATOMIC_RELEASE);
+}
+
+/* Threads whose first calls overlap wait for the one that is first. */
+void shim_start(void)
+{
+    static pthread_mutex_t starting = PTHREAD_MUTEX_INITIALIZER;
+    static __thread volatile sig_atomic_t in_start;
+    if (owner && owner != getpid())
+        shim_die("a child of the program has no arm: whoever made the first call makes the others");
+    if (__atomic_load_n(&reached, __ATOMIC_ACQUIRE))
+        return;
+    if (in_start)
+        shim_die(SHIM_IN_HANDLER);
+    in_start = 1;
+    pthread_mutex_lock(&starting);
+    if (!reached)
+        reach_engine();
+    pthread_mutex_unlock(&starting);
+    in_start = 0;
 }
