@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, Final
 
@@ -42,11 +43,8 @@ class ProgramFolder:
         return "" if self._root is None else str(self._root)
 
     def listing(self) -> list[dict[str, Any]]:
-        """Each program: its name, language, and the names that VAL knows in it."""
-        return [
-            {"name": name, "language": language_of(path), "parts": _parts(path)}
-            for name, path in self._programs().items()
-        ]
+        """Each program: its name, language, stamp, and the names that VAL knows in it."""
+        return [_row(name, path) for name, path in self._programs().items()]
 
     def path_of(self, name: str) -> Path:
         """Path of a program of the folder. Raises ConfigError: there is none of that name."""
@@ -79,6 +77,19 @@ def language_of(path: Path) -> str:
     return LANGUAGES.get(path.suffix, RECORDING)
 
 
+def stamp_of(path: Path) -> str:
+    """Time of its last change in ns, which tells one version of a program from another; empty when it has gone."""
+    try:
+        return str(path.stat().st_mtime_ns)
+    except OSError:
+        return ""
+
+
+def _row(name: str, path: Path) -> dict[str, Any]:
+    stamp = stamp_of(path)
+    return {"name": name, "language": language_of(path), "stamp": stamp, "parts": list(_parts(path, stamp))}
+
+
 def _checked(path: Path) -> Path:
     """The whole path of a folder of programs."""
     try:
@@ -105,14 +116,15 @@ def _is_inside(path: Path, root: Path) -> bool:
     return path.resolve().is_relative_to(root)
 
 
-def _parts(path: Path) -> list[str]:
-    """Programs of a VAL file; empty for the others, and for one that cannot be read."""
+@lru_cache(MOST_PROGRAMS)
+def _parts(path: Path, _stamp: str) -> tuple[str, ...]:
+    """Programs of a VAL file; empty for the others, and for one that cannot be read. Pages ask again and again."""
     if language_of(path) != "VAL":
-        return []
+        return ()
     try:
-        return [name.lower() for name in _VAL_PROGRAM.findall(_text(path))]
+        return tuple(name.lower() for name in _VAL_PROGRAM.findall(_text(path)))
     except ConfigError:
-        return []
+        return ()
 
 
 def _text(path: Path) -> str:

@@ -20,6 +20,7 @@ class PageProgramStart(MovingMessage):
         speed: monitor speed of VAL, percent.
         step: leave a VAL program at its first step, for `PageProgramSay` to go on.
         confirmed: the user has said that the arm may move; live programs need it.
+        stamp: of the source that the page shows, as `ProgramFolder.listing` tells it; live programs need it.
     """
 
     do: Literal["program start"]
@@ -30,6 +31,7 @@ class PageProgramStart(MovingMessage):
     speed: float = Field(default=50.0, ge=0.1, le=100.0, allow_inf_nan=False, strict=False)
     step: bool = False
     confirmed: bool = False
+    stamp: str = Field(default="", max_length=20)
 
 
 class PageProgramEnd(PageMessage):

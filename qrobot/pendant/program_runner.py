@@ -12,14 +12,14 @@ from typing import Any, Final, TypeAlias
 
 from qrobot.errors import MotionError
 from qrobot.pendant.command_run import CommandRun
-from qrobot.pendant.program_folder import RECORDED, RECORDING, ProgramFolder, language_of
+from qrobot.pendant.program_folder import RECORDED, RECORDING, ProgramFolder, language_of, stamp_of
 from qrobot.pendant.program_messages import PageProgramStart
 from qrobot.pendant.runner import NICE, Runner
 from qrobot.rci.tcp import BRIDGE_VARIABLE, ONLY_VARIABLE
 
 RESULTS: Final = {"requests": "requests.txt", "setpoints": "setpoints.csv"}
 
-Source: TypeAlias = tuple[str, str, int]  # name, program of a VAL file, time of the last change in ns
+Source: TypeAlias = tuple[str, str, str]  # name, program of a VAL file, stamp
 
 
 @dataclass(frozen=True)
@@ -57,6 +57,7 @@ class ProgramRunner(Runner):
         self.deployment = deployment
         self._place = ["--deployment", deployment, "--arm", arm]
         self._request: PageProgramStart | None = None
+        self._stamp = ""  # of its source
         self._results: Path | None = None
         self._found: FoundPath | None = None
         self._complained: tuple[int, int | None] = 0, None  # run, and the line of its source that an error is about
@@ -81,6 +82,7 @@ class ProgramRunner(Runner):
             "run": self._runs,
             "state": run.state,
             "name": request.name,
+            "stamp": self._stamp,
             "manner": request.manner,
             "stepping": request.step,
             "told": run.told,
@@ -94,16 +96,19 @@ class ProgramRunner(Runner):
         An arm that is not there begins at `place`, as `--start` has it; empty for the pose of the deployment file.
 
         Raises:
-            MotionError: another one runs.
+            MotionError: another one runs, or what would move the arm is not what the page shows.
             ConfigError: there is none of that name.
         """
         if self.running is not None:
             raise MotionError("a program runs: end it first")
         path = self.folder.path_of(request.name)
-        source = request.name, request.execute, path.stat().st_mtime_ns
+        stamp = stamp_of(path)
+        if request.manner == "live" and request.stamp != stamp:
+            raise MotionError(f"{request.name} is not as the page shows it: look at it, and start it again")
+        source = request.name, request.execute, stamp
         self._discard(but_path_of=source if request.manner == "live" else None)
         self._results = Path(mkdtemp(prefix="qrobot-pendant-"))
-        self._request = request
+        self._request, self._stamp = request, stamp
         self._runs += 1
         if request.manner != "live":
             self._found = FoundPath(self._runs, self._results, source)

@@ -12,7 +12,7 @@ import pytest
 from qrobot.errors import ConfigError, MotionError
 from qrobot.pendant import program_runner
 from qrobot.pendant.output_tail import OutputTail
-from qrobot.pendant.program_folder import ProgramFolder
+from qrobot.pendant.program_folder import ProgramFolder, stamp_of
 from qrobot.pendant.program_messages import PageProgramStart, RunManner
 from qrobot.pendant.program_runner import NICE, ProgramRunner
 
@@ -52,8 +52,17 @@ def runner(folder: Path, monkeypatch: pytest.MonkeyPatch) -> ProgramRunner:
     return ProgramRunner("puma", ProgramFolder(folder), "arms.toml")
 
 
-def started(runner: ProgramRunner, name: str, manner: str = "offline", **more: Any) -> Any:
-    runner.start(PageProgramStart(do="program start", arm=0, name=name, manner=manner, **more))  # type: ignore[arg-type]
+def started(
+    runner: ProgramRunner,
+    name: str,
+    manner: str = "offline",
+    bridges: Sequence[str] = (),
+    place: str = "",
+    **more: Any,
+) -> Any:
+    """What is run for a page that shows the program as it is."""
+    asked = {"name": name, "manner": manner, "stamp": stamp_of(runner.folder.path_of(name)), **more}
+    runner.start(PageProgramStart(do="program start", arm=0, **asked), bridges, place)
     return runner._run
 
 
@@ -127,8 +136,7 @@ def test_each_language_is_run_by_its_command_and_what_moves_no_arm_gives_way(
     runner.stop()
     assert run.calls == ["end"]
     run.state = "ended"
-    runner.start(PageProgramStart(do="program start", arm=0, name="a.py", manner="live"), [":5600", ":5602"])
-    run = runner._run  # type: ignore[assignment]
+    run = started(runner, "a.py", "live", bridges=[":5600", ":5602"])
     assert run.variables == {"QROBOT_BRIDGE": ":5600", "QROBOT_ONLY_BRIDGES": ":5600,:5602"}
     run.state = "ended"
     run = started(runner, "v.v2", "lockstep", execute="other.one", speed=20)
@@ -191,10 +199,32 @@ def test_the_path_ahead_is_what_the_newest_run_of_the_same_source_found_that_mov
     runner.close()
 
 
+def test_a_program_that_is_not_as_the_page_shows_it_moves_no_arm(runner: ProgramRunner, folder: Path) -> None:
+    def stamp() -> str:
+        return str(next(each["stamp"] for each in runner.folder.listing() if each["name"] == "v.v2"))
+
+    seen = stamp()
+    started(runner, "v.v2", "live", stamp=seen).state = "done"
+    assert runner.facts["stamp"] == seen
+    (folder / "v.v2").write_text(f"{VAL}.PROGRAM third\n.END\n")
+    os.utime(folder / "v.v2", ns=(1, 1))
+    for shown in (seen, ""):  # as it was, and not yet
+        with pytest.raises(MotionError, match="not as the page shows it"):
+            started(runner, "v.v2", "live", stamp=shown)
+    assert runner.facts["stamp"] == seen  # that of the run that was
+    started(runner, "v.v2", "offline", stamp=seen).state = "done"  # nothing moves
+    assert runner.facts["stamp"] == stamp() != seen
+    assert runner.folder.listing()[-1]["parts"] == ["main", "other.one", "third"]
+    started(runner, "v.v2", "live", stamp=stamp()).state = "done"
+    (folder / "v.v2").unlink()
+    assert "v.v2" not in [each["name"] for each in runner.folder.listing()]
+    assert stamp_of(folder / "v.v2") == ""
+    runner.close()
+
+
 def test_what_moves_no_arm_begins_where_the_arm_stands(runner: ProgramRunner) -> None:
-    def begun(manner: RunManner) -> Sequence[str]:
-        runner.start(PageProgramStart(do="program start", arm=0, name="a.py", manner=manner), place="1,-2,3")
-        run: Any = runner._run
+    def begun(manner: RunManner) -> Any:
+        run = started(runner, "a.py", manner, place="1,-2,3")
         run.state = "done"
         return run.commands[0]
 

@@ -1,11 +1,12 @@
 // The tab Programs: those of the folder, their sources, started off line, in lock-step or live, and what they print.
-import { ask, askOfArm } from "./ask.js";
+import { askOfArm } from "./ask.js";
 import { el, setAttribute, setText } from "./dom.js";
 import { speedCard } from "./drive.js";
 import { link } from "./link.js";
 import { Player } from "./player.js";
 
 const LOOK_MS = 300;
+const RENEW_MS = 2000;
 const MOST_LINES = 2000;
 const MANNERS = [["offline", "Off line", "an ideal arm in the computer: nothing moves, the ghost shows what would"], ["lockstep", "In lock-step", "an emulated arm and its servo, in the computer: nothing moves"], ["live", "Live …", "this arm moves"]];
 const STATES = { none: "nothing was started", running: "▶ runs", done: "✔ done", failed: "✖ failed", ended: "■ ended" };
@@ -43,14 +44,14 @@ export function makePrograms(root) {
   );
   const player = new Player(scene);
 
-  let programs = [], chosen = null, shown = { arm: -1, run: -1, next: 0, lines: [], loaded: 0 }, looking = false, listed = false, asked = [];
+  let programs = [], chosen = null, shown = { arm: -1, run: -1, next: 0, lines: [], loaded: 0 }, looking = false, listed = -Infinity, asked = [];
   const driven = () => link.arms.map((_, k) => k).filter((k) => link.status?.arms[k].driver === link.page);
   const facts = () => link.armStatus?.program ?? { run: 0, state: "none" };
   const say = (line) => link.order({ do: "program say", arm: link.chosen, line });
 
   const start = (manner, arm = link.chosen, confirmed = false) => {
     offer(false);
-    link.order({ do: "program start", arm, name: chosen.name, manner, execute: part.value || "main", speed: Number(speed.value) || 50, step: chosen.language === "VAL" && step.checked, confirmed });
+    link.order({ do: "program start", arm, name: chosen.name, manner, execute: part.value || "main", speed: Number(speed.value) || 50, step: chosen.language === "VAL" && step.checked, confirmed, stamp: source.dataset.stamp });
   };
 
   function offer(on) {
@@ -72,34 +73,42 @@ export function makePrograms(root) {
     try {
       const answered = await askOfArm("programs");
       if (!answered) return;
-      programs = answered.programs;
       setText(where, answered.where ? `in ${answered.where}` : "Start the pendant with --programs FOLDER to have programs here; recordings of an arm led by hand are here anyway.");
-      list.replaceChildren(...programs.map((each) => el("button", { role: "option", class: "program", "data-name": each.name, onclick: () => choose(each) }, el("span", {}, each.name), el("small", {}, each.language))));
-      if (programs.length && !programs.some((each) => each.name === chosen?.name)) await choose(programs[0]);
+      if (JSON.stringify(programs) !== JSON.stringify(answered.programs)) {
+        programs = answered.programs;
+        list.replaceChildren(...programs.map((each) => el("button", { role: "option", class: "program", "data-name": each.name, onclick: () => choose(each) }, el("span", {}, each.name), el("small", {}, each.language))));
+      }
+      const now = programs.find((each) => each.name === chosen?.name) ?? programs[0];
+      if (now && (now.name !== chosen?.name || now.stamp !== source.dataset.stamp)) await choose(now);
       mark();
     } catch (error) {
       setText(where, String(error.message));
     }
   }
 
+  // Show a program, or the one that is shown as it is after a change.
   async function choose(program) {
+    const again = chosen?.name === program.name, executed = part.value;
     chosen = program;
+    source.dataset.stamp = ""; // until its text is there
     offer(false);
     val.hidden = program.language !== "VAL";
     part.replaceChildren(...program.parts.map((name) => el("option", {}, name)));
-    if (program.parts.includes("main")) part.value = "main";
+    const wanted = [again && executed, "main"].find((name) => program.parts.includes(name));
+    if (wanted) part.value = wanted;
     show();
-    const text = await ask("programs/source", { arm: link.chosen, name: program.name }).then((got) => got.text(), (error) => error.message);
-    if (chosen !== program) return;
+    const [text, stamp] = await askOfArm("programs/source", { name: program.name }, "text").then((got) => [got, program.stamp], (error) => [error.message, ""]);
+    if (text === null || chosen !== program) return;
     source.replaceChildren(...text.split("\n").map((line, k) => el("span", { class: "line", "data-number": k + 1 }, `${line}\n`)));
-    source.scrollTop = 0;
+    source.dataset.stamp = stamp;
+    if (!again) source.scrollTop = 0;
     mark();
   }
 
   // What is chosen, and the line that an error is about.
   function mark() {
     for (const each of list.children) setAttribute(each, "aria-selected", String(each.dataset.name === chosen?.name));
-    const now = facts(), at = now.name === chosen?.name ? (now.line ?? stepLine(now)) : null;
+    const now = facts(), at = now.name === chosen?.name && now.stamp === source.dataset.stamp ? (now.line ?? stepLine(now)) : null;
     for (const line of source.children) setAttribute(line, "data-marked", Number(line.dataset.number) === at ? (now.line ? "error" : "step") : false);
     const marked = source.querySelector("[data-marked]");
     if (marked && marked.dataset.seen !== String(now.run)) {
@@ -127,9 +136,9 @@ export function makePrograms(root) {
   }
 
   async function look() {
-    if (root.hidden) listed = false;
+    if (root.hidden) listed = -Infinity;
     if (looking || root.hidden || !link.open) return;
-    if (!listed) [listed] = [true, renew()]; // what has been recorded meanwhile
+    if (performance.now() - listed > RENEW_MS) [listed] = [performance.now(), renew()]; // what was recorded, and edited
     looking = true;
     try {
       const now = facts(), arm = link.chosen;

@@ -1,0 +1,34 @@
+"""The tab Programs of the pendant, while somebody edits what it shows."""
+
+from __future__ import annotations
+
+import pytest
+
+from tests.support.browser import Page, open_browser
+from tests.support.patience import wait_until
+from tests.system.test_pendant import ONCE, SOURCE_OF_ONCE, Pendant, pendant
+
+__all__ = ["pendant"]  # the fixture
+
+pytestmark = pytest.mark.realtime
+
+STAMP = "return document.getElementById('source').dataset.stamp"
+
+
+def test_the_source_on_the_page_follows_an_editor_and_what_was_to_be_confirmed_goes(pendant: Pendant) -> None:
+    file = pendant.deployment.parent / "programs" / ONCE
+    file.write_text(SOURCE_OF_ONCE)
+    with open_browser() as driver:
+        page = Page(driver, pendant.address)
+        page.click("drive")
+        page.click("tab-programs")
+        page.click_at(f'[data-name="{ONCE}"]')
+        wait_until(lambda: page.shows("#source", "setjvel(0.2)"), "it is shown")
+        assert page.run(STAMP) == str(file.stat().st_mtime_ns)
+        page.click("start-live")
+        wait_until(lambda: page.shows(".confirm", f"as {ONCE} says"), "it waits for a confirmation")
+        file.write_text(SOURCE_OF_ONCE.replace("0.2", "0.25"))
+        wait_until(lambda: page.shows("#source", "setjvel(0.25)"), "it is shown as it is now")
+        wait_until(lambda: page.run(STAMP) == str(file.stat().st_mtime_ns), "it is what Live is about")
+        assert not page.shows(".confirm", f"as {ONCE} says")
+        assert page.shows('.program[aria-selected="true"]', ONCE)
