@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from threading import Thread
+from threading import Event, Thread
 from types import SimpleNamespace
 
 import numpy as np
@@ -19,7 +19,7 @@ from qrobot.rci import TcpLink, VirtualLink
 from qrobot.wire import Hello, JointMode
 from qrobot.wire.vocabulary import Hand
 from tests.support.fake_robot import FakeRobot, SocketRobot
-from tests.support.patience import wait_until
+from tests.support.patience import PATIENCE_S, wait_until
 
 PARK = tuple(load_robot("puma560").poses["park"].tolist())
 PERIOD_US = 2_000
@@ -151,19 +151,26 @@ def test_a_function_that_ends_without_bringing_joints_back_is_refused_the_way_ba
 
 def test_no_sample_passes_while_update_calls_functions() -> None:
     """Whoever calls functions in two orders, or beside each other, may wait for ever."""
-    alone: list[bool] = []
+    alone, others, begun = list[bool](), list[Thread](), Event()
+
+    def ask() -> None:
+        begun.set()
+        assert arm.nbrequest >= 0  # needs what a sample needs
 
     def look(_: rccl.Transform) -> None:
-        other = Thread(target=lambda: arm.nbrequest, daemon=True)  # needs what a sample needs
-        other.start()
-        other.join(0.02)
-        alone.append(other.is_alive())
+        others.append(Thread(target=ask, daemon=True))
+        others[-1].start()
+        assert begun.wait(PATIENCE_S)
+        others[-1].join(0.02)
+        alone.append(others[-1].is_alive())
 
     fake = FakeRobot(PARK, name="puma560", period_us=4_000, patience=100_000)
     with SocketRobot(fake) as server:
         with rccl.use(lambda hello: TcpLink(hello, ("test", 0), lambda _: server.socket)), rccl.control() as arm:
             start = gentr_trsl("START", 0, 0, 0)
             arm.update(start, makeposition("HERE", t6, EQ, start, newtrans("LOOKS", look), TL, start))
+            for other in others:
+                other.join()  # while there is an arm
         wait_until(lambda: fake.goodbyes)
     assert alone == [True]
 
