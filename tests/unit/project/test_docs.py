@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import re
 import runpy
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -51,6 +52,14 @@ def test_links_of_a_page_lead_to_a_file_and_a_heading(page: Path) -> None:
         if not file.exists() or (anchor and anchor not in anchors(file.read_text())):
             broken.append(f"{target}#{anchor}")
     assert broken == []
+
+
+@pytest.mark.parametrize("page", PAGES, ids=page_name)
+def test_headings_of_a_page_go_down_by_one_level_from_its_title(page: Path) -> None:
+    """As the pages are built, where a warning is an error."""
+    levels = [len(marks) for marks in re.findall(r"^(#+) ", without_code(page.read_text()), re.MULTILINE)]
+    assert levels[:1] == [1]
+    assert all(lower <= upper + 1 for upper, lower in pairwise(levels))
 
 
 @pytest.mark.parametrize("page", PAGES, ids=page_name)
