@@ -6,6 +6,7 @@ import os
 import signal
 import socket
 import subprocess
+import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -52,7 +53,10 @@ def run_served(path: Path, arguments: Sequence[str], languages: Sequence[MakeDis
             serve(foreground, background, languages)
         finally:
             status = child.wait()
-    return _BY_SIGNAL - status if status < 0 else status
+    if status >= 0:
+        return status
+    print(f"{path.name}: ended by {signal.Signals(-status).name} ({signal.strsignal(-status)})", file=sys.stderr)
+    return _BY_SIGNAL - status
 
 
 @contextmanager

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 from rich.table import Table
 
@@ -14,6 +14,8 @@ from qrobot.cli.option_types import OutputFigure
 
 if TYPE_CHECKING:
     from qrobot.log.compare import JointComparison, LogComparison
+
+MOST_RATIO: Final = 1000.0  # that is told as a number
 
 
 def compare(a: Path, b: Path, *, plot: OutputFigure | None = None, json: bool = False) -> None:
@@ -77,7 +79,9 @@ def _numbers(joint: JointComparison) -> list[str]:
 
 
 def _ratio(value: float) -> str:
-    return "-" if math.isnan(value) else f"{value:.2f}"
+    if math.isnan(value):
+        return "-"
+    return f"{value:.2f}" if value < MOST_RATIO else f"> {MOST_RATIO:g}"  # of a joint that stood in one of them
 
 
 def _cycles(comparison: LogComparison) -> Table:

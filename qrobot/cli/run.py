@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import os
 import runpy
 import sys
@@ -261,6 +262,8 @@ def _start(program: Path, arguments: Sequence[str], robot: str) -> int:
         from qrobot.rccl.c.program import rccl_dispatcher
 
         return run_served(program, arguments, [rccl_dispatcher(robot), _arcl_dispatcher, _manip_dispatcher])
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(line_buffering=True)  # behind a pipe too: what the arm does is told when it does it
     sys.argv = [str(program), *arguments]
     sys.path.insert(0, str(program.resolve().parent))
     with ending(), _arcl_ending():

@@ -154,7 +154,9 @@ class Emulator:
         plant: PlantOwner | None = None,
     ) -> None:
         if robot.n > N_ENCODERS:
-            raise ConfigError(f"{robot.name} has {robot.n} joints, the board has {N_ENCODERS} encoder channels")
+            raise ConfigError(
+                f"{robot.name} has {robot.n} joints, a board encoders for {N_ENCODERS}: such an arm runs off line only"
+            )
         self.robot = robot
         self.mismatch = mismatch or PlantMismatch.nominal(robot.n)
         self._plan = faults or FaultPlan()

@@ -41,17 +41,22 @@ def hearing() -> Iterator[None]:
 
 @needs_compiler
 @pytest.mark.parametrize(
-    ("last", "status"),
+    ("last", "status", "told"),
     [
-        ("*(volatile int *) 8 = 1;", 139),  # SIGSEGV
-        ("abort();", 134),
-        ("exit(3);", 3),
-        ("return 5;", 5),
+        ("*(volatile int *) 8 = 1;", 139, "program: ended by SIGSEGV (Segmentation fault)\n"),
+        ("abort();", 134, "program: ended by SIGABRT (Aborted)\n"),
+        ("exit(3);", 3, ""),
+        ("return 5;", 5, ""),
     ],
 )
-def test_however_a_program_ends_its_arm_comes_to_rest_on_its_way(last: str, status: int, run: Run, robot) -> None:
+def test_however_a_program_ends_its_arm_comes_to_rest_on_its_way(
+    last: str, status: int, told: str, run: Run, robot, capfd
+) -> None:
     assert run(f"main() {{ {MOVING} {last} }}") == status
     assert rests_on_its_way(robot)
+    said = capfd.readouterr().err
+    assert told in said
+    assert bool(told) == ("ended by SIG" in said)
 
 
 @needs_compiler

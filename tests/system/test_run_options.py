@@ -270,6 +270,14 @@ def test_an_error_of_ours_names_the_line_of_the_program(here: Path, capsys: pyte
     assert re.search(r"no pose 'bed'.*\(.*fails\.py, line 4\)$", capsys.readouterr().err.strip())
 
 
+def test_what_a_program_prints_comes_line_by_line_behind_a_pipe_too(
+    here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (here / "tells.py").write_text("import sys\nprint(sys.stdout.line_buffering)\n")
+    assert run("--offline", "tells.py") == 0
+    assert capsys.readouterr().out == "True\n"
+
+
 def test_a_star_import_gives_the_names_of_the_library(here: Path) -> None:
     (here / "star.py").write_text("from qrobot.rccl import *\nassert callable(control)\n")
     assert run("--offline", "star.py") == 0

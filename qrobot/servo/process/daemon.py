@@ -284,7 +284,9 @@ def serve(
         LinkBusy: another servo runs this arm.
     """
     if robot.n > N_ENCODERS:
-        raise ConfigError(f"{robot.name} has {robot.n} joints, a board has {N_ENCODERS} encoder channels")
+        raise ConfigError(
+            f"{robot.name} has {robot.n} joints, a board encoders for {N_ENCODERS}: such an arm runs off line only"
+        )
     check_gains(robot, settings)
     card = make_card(NO_CARD) if card is None else card
     board_comes_later = turn_is_awaited()

@@ -146,6 +146,15 @@ def test_compare_prints_errors_ratios_and_differences(
         assert words in text
 
 
+def test_compare_prints_no_ratio_to_a_joint_that_stood(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    files = [str(tmp_path / "stood.mcap"), str(tmp_path / "moved.mcap")]
+    for file, error in zip(files, (1e-12, 2e-3), strict=True):
+        log = make_log(error=error)
+        write_log(Path(file), log.rows, log.header, [Attachment("arm.toml", ROBOT)])
+    assert run_app(make_app(), ["log", "compare", *files]) == 0
+    assert "joint1 0.000 2.000 > 1000 0.000 2.000 > 1000" in " ".join(capsys.readouterr().out.split())
+
+
 def test_compare_prints_json_and_draws(two_files: tuple[str, str], capsys: pytest.CaptureFixture[str]) -> None:
     figure = Path(two_files[0]).with_name("both.png")
     assert run_app(make_app(), ["log", "compare", *two_files, "--json", "--plot", str(figure)]) == 0
