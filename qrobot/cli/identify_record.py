@@ -249,6 +249,8 @@ def read_rows(
     read = [read_and_warn(path) for path in logs]
     header = like or read[0].header
     for log in read:
+        if log.torn:
+            note(f"warning: {log.path} was not ended: the passes that it may have lost are not in the fit")
         if differs := _difference(log.header, header):
             raise LogError(f"{log.path} is of {differs} in {logs[0] if like is None else 'the others'}")
     kept: list[Rows] = [] if beside is None else [beside]

@@ -119,10 +119,9 @@ def export(
 
 def _text(robot: Robot, to: Format) -> str:
     if to == "mjcf":
-        from qrobot.sim_board.mujoco_plant import robot_spec
+        from qrobot.sim_board.mujoco_plant import mjcf_text
 
-        xml: str = robot_spec(robot, MJCF_STEP_S).to_xml()
-        return xml
+        return mjcf_text(robot, MJCF_STEP_S)
     from qrobot.exchange.robot_document import robot_document, robot_text
     from qrobot.exchange.tables import csv_text
     from qrobot.exchange.urdf_export import urdf_text

@@ -47,7 +47,7 @@ class Lease:
             return False
         if self._authority is not None:
             try:
-                self._authority.take(label)
+                self._authority.take(f"the bridge for {label}")  # of whose process it tells
             except LinkError as error:
                 self.refusal = f"cannot be commanded: {error}"
                 return False

@@ -149,6 +149,14 @@ def load_plant(
     return memory
 
 
+def mjcf_text(robot: Robot, dt: float) -> str:
+    """The MuJoCo model of a robot as MJCF. Raises ConfigError when MuJoCo refuses its masses or inertias."""
+    try:
+        return str(robot_spec(robot, dt).to_xml())
+    except ValueError as error:
+        raise ConfigError(f"{robot.name} cannot be simulated: {error}") from error
+
+
 def robot_spec(
     robot: Robot,
     dt: float,

@@ -76,7 +76,7 @@ def test_a_program_in_command_keeps_the_hand_away_but_not_from_the_switch(arm: R
         assert process.stdout.readline() == "in command\n"
         status, _, complaint = ctl(arm, "law", "pd")
         assert status == 1
-        assert "is commanded by" in complaint
+        assert "is commanded by the bridge for " in complaint
         assert "holder.py" in complaint
         assert ctl(arm, "power", "off")[0] == 0
         arm.wait_for(Mode.OFF)

@@ -147,6 +147,17 @@ def test_cycles_that_several_logs_have_count_once_and_with_the_first_that_has_th
     assert read_rows([first, first])[0].size == 300
 
 
+def test_of_a_recording_that_was_not_ended_it_is_told_that_passes_may_be_missing(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    whole = write_log(tmp_path / "whole.mcap", cycles(0, 3000), REAL)[0]
+    assert read_rows([whole])[0].size == 3000
+    assert not capsys.readouterr().err
+    (tmp_path / "cut.mcap").write_bytes(whole.read_bytes()[: whole.stat().st_size // 2])
+    assert 0 < read_rows([tmp_path / "cut.mcap"])[0].size < 3000
+    assert "cut.mcap was not ended" in " ".join(capsys.readouterr().err.split())
+
+
 def test_runs_on_virtual_time_are_taken_whole_and_so_are_those_of_another_servo(tmp_path: Path) -> None:
     later = cycles(0, 300)
     later["t_ns"] += 1

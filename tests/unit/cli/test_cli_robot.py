@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import re
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -14,6 +15,7 @@ import pytest
 from qrobot.cli.console import FAILURE, SUCCESS, USAGE, run_app
 from qrobot.cli.main import make_app
 from qrobot.config import Robot, load_robot
+from qrobot.config.robot import robot_path
 from qrobot.model.arm import Arm
 
 PUMA = load_robot("puma560")
@@ -87,6 +89,7 @@ def test_what_a_urdf_does_not_tell_is_asked_for_by_name_and_a_link_without_weigh
     [
         (["export", "nobody"], FAILURE, "nobody"),
         (["export", "puma560", "--format", "step"], USAGE, "step"),
+        (["export", "{folder}/flat.toml", "--format", "mjcf"], FAILURE, "cannot be simulated: "),
         (["export", "puma560", "-o", "{folder}/none/arm.urdf"], FAILURE, "none"),
         (["export", "puma560", "-o", "/dev/full/arm.urdf"], USAGE, "/dev/full"),
         (["import", "{folder}/none.urdf", "-o", "{folder}/arm.toml"], FAILURE, "none.urdf"),
@@ -106,6 +109,8 @@ def test_what_cannot_be_is_told_in_words(
         '<joint name="k" type="revolute"><parent link="a"/><child link="c"/><limit lower="-1" upper="1"/></joint>'
         "</robot>"
     )
+    file = robot_path("puma560").read_text()
+    (tmp_path / "flat.toml").write_text(re.sub(r"(\ninertia = \[\s*)\[.*?\]", r"\1[0.02, 0.11, 0.9]", file, count=1))
     complaint = told(capsys, status, *(word.format(folder=tmp_path) for word in words))
     assert said in complaint
     assert not (tmp_path / "arm.toml").exists()
