@@ -51,12 +51,8 @@ from qrobot.servo.operator.messages import (
 )
 from qrobot.servo.operator.motion_requests import CARRIED_S, set_collision, set_payload, set_speed
 from qrobot.servo.operator.sockets import OperatorConnection
-from qrobot.servo.operator.status import guardian_acts, servo_status
+from qrobot.servo.operator.status import HANGS, guardian_acts, servo_status
 
-HANGS: Final = (
-    "the servo's loop does not run, as in a law that never comes back; the guardian has taken torque and power. "
-    "End the servo of {arm} (SIGTERM, or Ctrl-C of `qrobot up`) and start it again"
-)
 _READING_S: Final = 0.005  # between two readings of a sensor
 
 T = TypeVar("T")

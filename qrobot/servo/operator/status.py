@@ -18,10 +18,16 @@ from qrobot.servo.modes import mode_name
 from qrobot.servo.operator.board_status import board_status
 from qrobot.servo.operator.controlled import Controlled
 from qrobot.servo.operator.messages import ServoStatus
+from qrobot.units import NS_PER_S
 from qrobot.wire.vocabulary import CollisionReaction
 
 GUARD_TRIP: Final = int(FaultCode.GUARD_TRIP)
 HANDS: Final = ("relaxed", "open", "closed")  # by COMMAND_HAND
+HANGS: Final = (
+    "the servo's loop does not run, as in a law that never comes back; the guardian has taken torque and power. "
+    "End the servo of {arm} (SIGTERM, or Ctrl-C of `qrobot up`) and start it again"
+)
+HUNG_NS: Final = 500_000_000  # [A] since the last cycle, as the guardian sees it: no stall that passes
 INPUTS: Final = range(1, 6)  # input 0 is the emergency stop's
 
 
@@ -47,7 +53,7 @@ def servo_status(servo: Controlled, commander: str) -> ServoStatus:
         fault=fault,
         event=snapshot.event,
         event_joint=snapshot.event_joint,
-        text=_text(servo, code, joint),
+        text=_hung(servo) or _text(servo, code, joint),
         powered=bool(snapshot.flags & FLAG_POWERED) and not taken_over,
         calibrated=bool(snapshot.flags & FLAG_CALIBRATED),
         estop_ok=bool(snapshot.flags & FLAG_ESTOP_OK),
@@ -97,6 +103,15 @@ def _collision_reaction(mailbox: ServoMailbox) -> str:
 def floats(vector: Any) -> tuple[float, ...]:
     """Numbers of a vector, for a message."""
     return tuple(np.asarray(vector).tolist())
+
+
+def _hung(servo: Controlled) -> str:
+    """Words on a loop that does not come back, and how old is what it has told; empty while the guardian does not act."""
+    front = servo.mailbox.memory
+    still_ns = int(front.guardian.t_ns) - int(front.heartbeat.t_ns)
+    if not guardian_acts(servo.mailbox) or still_ns < HUNG_NS:
+        return ""
+    return f"{HANGS.format(arm=servo.arm)}. What it tells of the arm is {still_ns / NS_PER_S:.0f} s old"
 
 
 def _text(servo: Controlled, code: int, joint: int) -> str:

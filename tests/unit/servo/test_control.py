@@ -66,6 +66,7 @@ from qrobot.servo.operator.sockets import (
     arms_that_run,
     connect_to_servo,
 )
+from qrobot.servo.operator.status import servo_status
 from qrobot.servo.process.daemon import Look, _Herald, _run_and_watch, _served, serve
 from qrobot.servo.settings import ServoSettings
 from tests.support.patience import PATIENCE_S, wait_until
@@ -685,6 +686,17 @@ def test_power_off_of_a_hung_servo_tells_that_the_guardian_has_cut_the_power() -
         reply = decode_reply(controls.answer(OperatorConnection(ends[0]), b'{"command": "power off"}'))
     assert reply.status is not None
     assert (reply.status.mode, reply.status.fault, reply.status.powered) == ("FAULT", FaultCode.GUARD_TRIP, False)
+    assert "ctl clear" in reply.status.text  # its loop may come back
+
+
+def test_the_status_of_a_servo_that_hangs_says_how_old_its_numbers_are_and_what_to_do() -> None:
+    process = Bench(ServoBench().hold())
+    front = process.bench.mail
+    front.guardian.takeover, front.guardian.t_ns = 1, front.heartbeat.t_ns + 12_300_000_000
+    status = servo_status(process, "")
+    assert "start it again. What it tells of the arm is 12 s old" in status.text
+    assert (status.mode, status.fault) == ("FAULT", FaultCode.GUARD_TRIP)
+    assert not status.powered
 
 
 def test_without_a_servo_the_client_says_what_to_start() -> None:
