@@ -7,15 +7,17 @@ import signal
 import socket
 import subprocess
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from types import FrameType
 from typing import Final
 
 from qrobot.c_transport.engine import serve
 from qrobot.c_transport.program_link import MakeDispatcher
 from qrobot.errors import ConfigError
 from qrobot.rci.c.relay import relay
+from qrobot.realtime.signals import ending_signals, handled
 
 ENGINE: Final = "QROBOT_ENGINE"  # environment: the two channels a program finds
 _ELF: Final = b"\x7fELF"
@@ -39,7 +41,7 @@ def run_served(path: Path, arguments: Sequence[str], languages: Sequence[MakeDis
     """
     ours, theirs = zip(*(socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET) for _ in range(2)), strict=True)
     channels = [end.fileno() for end in theirs]
-    with _interrupts_are_the_programs(), relay() as variables:
+    with _signals_are_the_programs() as started, relay() as variables:
         environment = os.environ | {ENGINE: ",".join(map(str, channels))} | variables
         try:
             child = subprocess.Popen([path.resolve(), *arguments], pass_fds=channels, env=environment)
@@ -48,6 +50,7 @@ def run_served(path: Path, arguments: Sequence[str], languages: Sequence[MakeDis
         finally:
             for end in theirs:
                 end.close()
+        started(child)
         try:
             foreground, background = ours
             serve(foreground, background, languages)
@@ -60,10 +63,17 @@ def run_served(path: Path, arguments: Sequence[str], languages: Sequence[MakeDis
 
 
 @contextmanager
-def _interrupts_are_the_programs() -> Iterator[None]:
-    """Ctrl-C reaches the program too, which ends in its own way: a handler here, as deafness would be inherited."""
-    before = signal.signal(signal.SIGINT, lambda *_: None)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, before)
+def _signals_are_the_programs() -> Iterator[Callable[[subprocess.Popen[bytes]], None]]:
+    """The program ends in its own way; gives a function that takes its process.
+
+    Ctrl-C and SIGHUP of a closed terminal reach it too, SIGTERM is passed on. Handlers here, as deafness would be
+    inherited.
+    """
+    children: list[subprocess.Popen[bytes]] = []
+
+    def hear(number: int, _frame: FrameType | None) -> None:
+        for child in children if number == signal.SIGTERM else ():
+            child.send_signal(number)
+
+    with handled(dict.fromkeys(ending_signals(), hear)):
+        yield children.append

@@ -21,6 +21,7 @@ from rich.text import Text
 from qrobot.errors import ConfigError, QRobotError
 from qrobot.extras import missing_extra
 from qrobot.printable import printable
+from qrobot.realtime.signals import SignalledEnd
 from qrobot.whole_file import replace_file
 
 PROGRAM: Final = "qrobot"
@@ -147,8 +148,9 @@ def run_app(app: App, tokens: Sequence[str], prepare: Callable[[], object] = lam
             raise
         complain(told)
         return FAILURE
-    except KeyboardInterrupt:
-        return INTERRUPTED
+    except KeyboardInterrupt as interrupt:
+        _forget_unwritten()
+        return interrupt.status if isinstance(interrupt, SignalledEnd) else INTERRUPTED
     except BrokenPipeError:  # `qrobot log info | head`: the reader has had enough
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return SUCCESS
@@ -158,6 +160,15 @@ def run_app(app: App, tokens: Sequence[str], prepare: Callable[[], object] = lam
         complain(f"{error.filename}: {error.strerror}")  # a file or folder of the user's, or the disk behind it
         return FAILURE
     return result if isinstance(result, int) else SUCCESS
+
+
+def _forget_unwritten() -> None:
+    """Let what a closed terminal has not taken be lost, without another error and status at the end of the process."""
+    for stream in (sys.stdout, sys.stderr):
+        try:
+            stream.flush()
+        except OSError:
+            os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
 
 def _sentence(error: CycloptsError) -> str:

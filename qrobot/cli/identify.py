@@ -15,6 +15,7 @@ from qrobot.cli.identify_options import FitOptions, KnownTorque, PlanOptions, Ro
 from qrobot.cli.option_types import LoadKg, MoveNumber, OutputLog, OutputModel, OutputPage
 from qrobot.config.collision import NO_TORQUES
 from qrobot.errors import ConfigError
+from qrobot.realtime.signals import ends_as_ctrl_c
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -81,6 +82,7 @@ def plan(
 
 
 @app.command
+@ends_as_ctrl_c()
 def record(
     deployment: str = DEFAULT_DEPLOYMENT,
     *,

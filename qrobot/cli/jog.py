@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Final
 from qrobot.cli.arms import DEFAULT_DEPLOYMENT, choose_arm, inside_fences
 from qrobot.cli.console import out
 from qrobot.errors import ConfigError
+from qrobot.realtime.signals import ends_as_ctrl_c
 
 if TYPE_CHECKING:
     from qrobot.config.deployment import DeployedArm
@@ -25,6 +26,7 @@ PERIOD_MS: Final = 28.0  # the servo must hear of the key every 70 ms
 MOST_CHARACTERS: Final = 256
 
 
+@ends_as_ctrl_c()
 def jog(
     *,
     offline: bool = False,

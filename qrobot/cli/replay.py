@@ -17,6 +17,7 @@ from qrobot.cli.arms import (
 )
 from qrobot.cli.console import note, out, write_json
 from qrobot.cli.option_types import OutputTable, SmoothOption
+from qrobot.realtime.signals import ends_as_ctrl_c
 from qrobot.units import DEG_PER_RAD, M_PER_MM, MM_PER_M, S_PER_MS, US_PER_MS
 
 if TYPE_CHECKING:
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
     from qrobot.rci import LinkFactory
 
 
+@ends_as_ctrl_c()
 def replay(
     file: Path,
     *,

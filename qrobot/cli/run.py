@@ -22,6 +22,7 @@ from qrobot.cli.option_types import checked_folder
 from qrobot.cli.program_errors import own_place, own_traceback
 from qrobot.config.start_place import start_place
 from qrobot.errors import ConfigError, QRobotError
+from qrobot.realtime.signals import ends_as_ctrl_c
 from qrobot.units import US_PER_MS
 
 if TYPE_CHECKING:
@@ -107,7 +108,8 @@ def run(
         with machine_of(arms, "offline" if offline else "bridge", folder, start), _fences(arms):
             return perform()
 
-    return _told(perform_as_chosen, traceback)
+    with nullcontext() if lockstep or offline else ends_as_ctrl_c():
+        return _told(perform_as_chosen, traceback)
 
 
 def machine_of(

@@ -11,6 +11,7 @@ from qrobot.cli.arms import DEFAULT_DEPLOYMENT, choose_arm, inside_fences
 from qrobot.cli.console import out
 from qrobot.cli.option_types import OutputFile
 from qrobot.errors import ConfigError, LinkError, MotionError, QRobotError, ServoFault, error_text
+from qrobot.realtime.signals import ends_as_ctrl_c
 
 if TYPE_CHECKING:
     from qrobot.rccl.teach import Teacher
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
 PROMPT = "? "
 
 
+@ends_as_ctrl_c()
 def teach(
     database: OutputFile = Path("taught.db"),
     *,
@@ -87,6 +89,6 @@ def _typed() -> Iterator[str]:
 
 def _script(path: Path) -> list[str]:
     try:
-        return path.read_text().splitlines()
+        return path.read_text(encoding="utf-8-sig").splitlines()
     except (OSError, UnicodeDecodeError) as error:
         raise ConfigError(f"cannot read {path}: {error_text(error)}") from error

@@ -18,7 +18,7 @@ from qrobot.cli.run import bridge_links, offline_links, run_through, run_virtual
 from qrobot.cli.run_options import LockstepOption, OfflineOption, StartOption
 from qrobot.errors import ConfigError, ProgramError
 from qrobot.printable import printable
-from qrobot.realtime.signals import TERMINATED, sigterm_as_ctrl_c
+from qrobot.realtime.signals import ends_as_ctrl_c
 
 if TYPE_CHECKING:
     from qrobot.cli.arm_links import ArmLinks
@@ -109,8 +109,12 @@ def monitor(
     _check_kind(lockstep, offline, start)
     chosen = choose_arm(deployment, arm)
     control = partial(_control, library, chosen, offline, None, start)
-    begin = partial(_start, load, control, _serve, None if offline else chosen)
-    return _perform(chosen, begin, load or Path(__file__), deployment, lockstep, offline, None, None, start)
+    with ends_as_ctrl_c() as ended:
+        begin = partial(_start, load, "monitor", control, partial(_serve, ended=ended), None if offline else chosen)
+        status = _perform(chosen, begin, load or Path(__file__), deployment, lockstep, offline, None, None, start)
+        if ended():
+            raise KeyboardInterrupt
+        return status
 
 
 def _check_kind(lockstep: bool, offline: bool, start: str | None) -> None:
@@ -172,14 +176,9 @@ def run(
         return status
     control = partial(_control, library, chosen, offline, output, start)
     act = partial(_execute, program=execute.lower(), cycles=cycles, speed=speed)
-    begin = partial(_start, file, control, act, None if offline else chosen)
-    with sigterm_as_ctrl_c() as terminated:
-        try:
-            return _perform(chosen, begin, file, deployment, lockstep, offline, output, log, start)
-        except KeyboardInterrupt:
-            if terminated():
-                return TERMINATED
-            raise
+    begin = partial(_start, file, file.name, control, act, None if offline else chosen)
+    with ends_as_ctrl_c():
+        return _perform(chosen, begin, file, deployment, lockstep, offline, output, log, start)
 
 
 def _perform(
@@ -202,17 +201,18 @@ def _perform(
 
 def _start(
     file: Path | None,
+    name: str,
     control: Callable[[], AbstractContextManager[ValArm]],
     act: Callable[[Interpreter], int],
     wired: DeployedArm | None,
 ) -> int:
-    """Take control of the arm, load the file, and `act`; `wired` tells where outputs lead."""
+    """Take control of the arm, as `name`, load the file, and `act`; `wired` tells where outputs lead."""
     from qrobot.val.interpreter import Interpreter
     from qrobot.val.signal_lines import signal_lines_of
     from qrobot.val.source import load_source
 
     source = None if file is None else load_source(file)
-    sys.argv[0] = f"val: {'monitor' if file is None or act is _serve else file.name}"  # how it greets the bridge
+    sys.argv[0] = f"val: {name}"  # how it greets the bridge
     with control() as arm:
         interpreter = Interpreter(arm, _say, _ask)
         interpreter.machine.lines = None if wired is None else signal_lines_of(wired)
@@ -243,11 +243,11 @@ def _control(
         yield arm
 
 
-def _serve(interpreter: Interpreter) -> int:
+def _serve(interpreter: Interpreter, ended: Callable[[], bool]) -> int:
     from qrobot.val.monitor import ValMonitor
     from qrobot.val.terminal import serve
 
-    serve(ValMonitor(interpreter), _say)
+    serve(ValMonitor(interpreter), _say, ended)
     return SUCCESS
 
 

@@ -34,7 +34,8 @@ FAREWELL_S = 8.0  # [A] with robots that come to rest, when the planning program
 
 def run_processor(image: ProcessorImage, orders: Connection, events: Connection) -> None:
     """Be a processor until the planning program closes it, or is gone."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the program's, which ends us in good order
+    for number in (signal.SIGINT, signal.SIGHUP):  # the terminal's are the program's, which ends us in good order
+        signal.signal(number, signal.SIG_IGN)
     if image.cpu is not None:
         pin_threads(image.cpu)
     lock_memory()

@@ -13,9 +13,21 @@ from types import FrameType
 from typing import Final, TypeAlias
 
 Handler: TypeAlias = Callable[[int, FrameType | None], object] | int | None
-TERMINATED: Final = 143  # exit status of a command that SIGTERM has ended: 128 + SIGTERM, as shells have it
+SIGNALLED: Final = 128  # exit status, less its number, of a command that a signal has ended, as shells have it
 NEEDED_S: Final = 0.05  # from one question whether a process is still needed to the next
 _FULL = BlockingIOError  # the pipe holds more than anybody needs to be woken
+
+
+class SignalledEnd(KeyboardInterrupt):
+    """A signal other than SIGINT has ended a command.
+
+    Attributes:
+        status: exit status of the command.
+    """
+
+    def __init__(self, number: int) -> None:
+        super().__init__()
+        self.status = SIGNALLED + number
 
 
 class SignalEvent(threading.Event):
@@ -111,23 +123,31 @@ def interrupted_by_sigterm() -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def sigterm_as_ctrl_c() -> Iterator[Callable[[], bool]]:
-    """SIGTERM does what SIGINT does at that moment; gives a function that tells whether one has come.
+def ends_as_ctrl_c() -> Iterator[Callable[[], bool]]:
+    """SIGTERM and SIGHUP do what SIGINT does at that moment; gives a function that tells whether one has come.
 
-    Only the main thread may ask for it; in another one nothing changes.
+    SIGHUP, of a closed terminal, comes from the kernel and from the shell: it counts once, and not at all beside
+    SIGTERM, nor where somebody, as nohup, has it ignored. Only the main thread may ask for it; in another one nothing
+    changes.
+
+    Raises:
+        SignalledEnd: in place of the KeyboardInterrupt that came of it, and of what a closed terminal refuses to take.
     """
-    came = False
-
-    def hear(_number: int, _frame: FrameType | None) -> None:
-        nonlocal came
-        came = True
-        signal.raise_signal(signal.SIGINT)
-
     if threading.current_thread() is not threading.main_thread():
         yield lambda: False
         return
-    before = signal.signal(signal.SIGTERM, hear)
+    came: list[int] = []
+
+    def hear(number: int, _frame: FrameType | None) -> None:
+        first_or_again = not came or (number == signal.SIGTERM and number in came)
+        came.append(number)
+        if first_or_again:
+            signal.raise_signal(signal.SIGINT)
+
     try:
-        yield lambda: came
-    finally:
-        signal.signal(signal.SIGTERM, before)
+        with handled({number: hear for number in ending_signals() if number != signal.SIGINT}):
+            yield lambda: bool(came)
+    except (KeyboardInterrupt, OSError):
+        if came:
+            raise SignalledEnd(came[0]) from None
+        raise

@@ -13,16 +13,18 @@ from qrobot.val.monitor import ValMonitor
 PROMPT = "."  # VAL's own
 
 
-def serve(monitor: ValMonitor, say: Callable[[str], None]) -> None:
-    """Obey lines until QUIT, which the end of input stands for.
+def serve(monitor: ValMonitor, say: Callable[[str], None], ended: Callable[[], bool] = lambda: False) -> None:
+    """Obey lines until QUIT, which the end of input stands for, or until a Ctrl-C after which it has `ended`.
 
     Raises what `ValMonitor.obey` raises, ConfigError without prompt_toolkit.
     """
-    for line in _typed(monitor) if sys.stdin.isatty() else sys.stdin:
+    for line in _typed(monitor, ended) if sys.stdin.isatty() else sys.stdin:
         if answer := monitor.obey(line):
             say(answer)
         if monitor.over:
             return
+        if ended():
+            break
     monitor.obey("QUIT")
 
 
@@ -32,7 +34,7 @@ def forget_typed() -> None:
         termios.tcflush(sys.stdin.fileno(), termios.TCIFLUSH)
 
 
-def _typed(monitor: ValMonitor) -> Iterator[str]:
+def _typed(monitor: ValMonitor, ended: Callable[[], bool]) -> Iterator[str]:
     try:
         from prompt_toolkit import PromptSession, prompt
         from prompt_toolkit.completion import WordCompleter
@@ -55,6 +57,7 @@ def _typed(monitor: ValMonitor) -> Iterator[str]:
         try:
             yield session.prompt(PROMPT, completer=WordCompleter(monitor.names, ignore_case=True, WORD=True))
         except KeyboardInterrupt:
-            continue
+            if ended():
+                return
         except EOFError:
             return

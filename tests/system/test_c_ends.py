@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import signal
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ from qrobot.motion import Termination
 from qrobot.rccl.c.program import run_executable
 from qrobot.rccl.trace import Trace
 from tests.support.c_programs import compiled_text, keyboard, needs_compiler, offline
+from tests.support.signals import default_signals
 
 pytestmark = [needs_compiler, pytest.mark.usefixtures("own_cache")]
 
@@ -175,16 +177,25 @@ def test_a_null_pointer_gets_an_error_that_names_the_call(call, needed, folder: 
     assert needed in said.err
 
 
-def test_ctrl_c_stops_the_arm_in_its_last_motions_too(folder: Path, capfd) -> None:
-    text = """
+@pytest.mark.parametrize(
+    ("sent", "expected"),
+    [
+        ("kill(getpid(), SIGINT);", 130),
+        ("kill(getppid(), SIGTERM);", 143),  # `kill` and the number of `qrobot run`
+        ("kill(getppid(), SIGHUP); kill(getpid(), SIGHUP);", 129),  # a terminal that is closed tells all
+    ],
+)
+def test_a_signal_stops_the_arm_in_its_last_motions_too(sent: str, expected: int, folder: Path, capfd) -> None:
+    text = f"""
     #include <signal.h>
     #include <unistd.h>
     int left;
-    each() { if (left && how.time > 1500.) { left = 0; kill(getpid(), SIGINT); } }
-    main() { control(each); setime(200., 5000.); move(goal()); left = 1; }
+    each() {{ if (left && how.time > 1500.) {{ left = 0; {sent} }} }}
+    main() {{ control(each); setime(200., 5000.); move(goal()); left = 1; }}
     """
-    status, (trace,) = ended(text, folder)
-    assert status == 130
+    with default_signals(signal.SIGHUP):
+        status, (trace,) = ended(text, folder)
+    assert status == expected
     assert "interrupted; the arm is brought to rest" in capfd.readouterr().err
     assert trace.requests[-1].code == Termination.STOPPED
     assert len(trace.setpoints.q) < 100  # of 5.4 s

@@ -341,6 +341,7 @@ class GeneratorHost:
 
 def run(channel: int, memory: int) -> None:
     """Be the process of a generator, for the program at the other end of the descriptor `channel`."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the program's, which ends us in good order
+    for number in (signal.SIGINT, signal.SIGHUP):  # the terminal's are the program's, which ends us in good order
+        signal.signal(number, signal.SIG_IGN)
     GeneratorHost(Connection(channel), ValueCells(GENERATOR, memory)).serve()
     os._exit(0)  # no thread of ours has anything left to do

@@ -9,9 +9,9 @@ import sys
 
 import pytest
 
-from qrobot.realtime.signals import NEEDED_S, SignalEvent, set_on_signals
+from qrobot.realtime.signals import NEEDED_S, SignalEvent, SignalledEnd, ends_as_ctrl_c, handled, set_on_signals
 from tests.support.patience import PATIENCE_S
-from tests.support.signals import default_signals
+from tests.support.signals import at_once, default_signals
 
 STORM = """
 import os, signal, threading
@@ -111,3 +111,58 @@ def test_it_may_be_set_more_often_than_anybody_looks() -> None:
         event.set()
     assert event.wait()
     event.close()
+
+
+def meets(*numbers: signal.Signals) -> bool:
+    """Whether the signals that come at one moment interrupt."""
+    try:
+        at_once(*numbers)
+    except KeyboardInterrupt:
+        return True
+    return False
+
+
+def ended_with(error: BaseException, *numbers: signal.Signals) -> BaseException | None:
+    """What leaves the block in which these signals interrupt, and then the error is raised."""
+    try:
+        with ends_as_ctrl_c():
+            assert all(map(meets, numbers))
+            raise error
+    except BaseException as left:
+        return left
+
+
+@pytest.mark.parametrize("first", [(signal.SIGTERM,), (signal.SIGHUP,), (signal.SIGHUP, signal.SIGTERM)])
+def test_what_closes_a_terminal_interrupts_once_and_sigterm_and_ctrl_c_do_so_again(
+    first: tuple[signal.Signals, ...],
+) -> None:
+    """The kernel sends SIGHUP, and the shell another one, while an arm is brought to rest."""
+    with default_signals(signal.SIGTERM, signal.SIGHUP):
+        with ends_as_ctrl_c() as came:
+            assert not came()
+            assert meets(*first)
+            assert came()
+            assert not meets(signal.SIGHUP)
+            assert meets(signal.SIGTERM) == (signal.SIGTERM in first)
+            assert meets(signal.SIGTERM)
+            assert meets(signal.SIGINT)
+        assert signal.getsignal(signal.SIGHUP) is signal.SIG_DFL
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
+def test_the_status_tells_the_signal_also_when_a_closed_terminal_takes_no_word_any_more(
+    number: signal.Signals,
+) -> None:
+    with default_signals(number):
+        for error in (KeyboardInterrupt(), OSError(5, "Input/output error")):
+            left = ended_with(error, number)
+            assert isinstance(left, SignalledEnd)
+            assert left.status == 128 + number
+    for error in (KeyboardInterrupt(), OSError(5, "Input/output error")):
+        assert ended_with(error) is error
+
+
+def test_a_command_under_nohup_does_not_hear_of_its_terminal() -> None:
+    with handled({signal.SIGHUP: signal.SIG_IGN}), ends_as_ctrl_c() as came:
+        assert not meets(signal.SIGHUP)
+        assert not came()

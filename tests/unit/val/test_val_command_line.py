@@ -14,6 +14,7 @@ from qrobot.cli.val import _execute
 from qrobot.rccl.offline import OfflineLink
 from qrobot.rci import Link
 from qrobot.wire import Hello
+from tests.support.signals import default_signals
 from tests.support.val_runs import PLACES, interpreter, main_program
 
 
@@ -34,19 +35,41 @@ def test_ctrl_c_brings_the_arm_to_rest_and_tells_the_line(capsys: pytest.Capture
     assert "interrupted in program main, line " in capsys.readouterr().err
 
 
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
 @pytest.mark.parametrize("library", ["rccl", "arcl"])
 @pytest.mark.parametrize("kind", ["--offline", "--lockstep"])
-def test_sigterm_brings_the_arm_to_rest_and_is_told_in_one_sentence(
-    kind: str, library: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+def test_sigterm_and_a_closed_terminal_bring_the_arm_to_rest_and_are_told_in_one_sentence(
+    kind: str, library: str, number: signal.Signals,
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str],
+) -> None:  # fmt: skip
+    file = tmp_path / "to_and_fro.v2"
+    file.write_text(main_program("MOVE a", 'TYPE "on the way"', "MOVE b", rest=PLACES))
+    monkeypatch.setattr("qrobot.cli.val._say", lambda _: signal.raise_signal(number))
+    monkeypatch.chdir(tmp_path)
+    with default_signals(number):
+        assert run_app(make_app("val"), ["val", "run", kind, "--library", library, str(file)]) == 128 + number
+        assert signal.getsignal(number) is signal.SIG_DFL
+    assert capsys.readouterr().err.splitlines()[-1] == "qrobot: interrupted in program main, line 3: the arm stands"
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
+def test_they_end_the_monitor_which_ctrl_c_does_not(
+    number: signal.Signals, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     file = tmp_path / "to_and_fro.v2"
     file.write_text(main_program("MOVE a", 'TYPE "on the way"', "MOVE b", rest=PLACES))
-    monkeypatch.setattr("qrobot.cli.val._say", lambda _: signal.raise_signal(signal.SIGTERM))
-    monkeypatch.chdir(tmp_path)
-    before = signal.getsignal(signal.SIGTERM)
-    assert run_app(make_app("val"), ["val", "run", kind, "--library", library, str(file)]) == 143
-    assert capsys.readouterr().err.splitlines()[-1] == "qrobot: interrupted in program main, line 3: the arm stands"
-    assert signal.getsignal(signal.SIGTERM) is before
+    sent = [signal.SIGINT, number]
+
+    def say(line: str) -> None:
+        if line == "on the way":
+            signal.raise_signal(sent.pop(0))
+
+    monkeypatch.setattr("qrobot.cli.val._say", say)
+    monkeypatch.setattr("sys.stdin", io.StringIO("EXECUTE main\nABORT\nEXECUTE main\nEXECUTE main\n"))
+    with default_signals(number):
+        assert run_app(make_app("val"), ["val", "--offline", "--load", str(file)]) == 128 + number
+    assert capsys.readouterr().err == ""
+    assert not sent
 
 
 def test_a_program_greets_its_arm_by_the_name_of_its_file_and_the_monitor_as_such(
