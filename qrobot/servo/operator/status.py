@@ -106,7 +106,7 @@ def floats(vector: Any) -> tuple[float, ...]:
 
 
 def _hung(servo: Controlled) -> str:
-    """Words on a loop that does not come back, and how old is what it has told; empty while the guardian does not act."""
+    """Words on a loop that does not come back, and how old is what it told; empty while the guardian does not act."""
     front = servo.mailbox.memory
     still_ns = int(front.guardian.t_ns) - int(front.heartbeat.t_ns)
     if not guardian_acts(servo.mailbox) or still_ns < HUNG_NS:
