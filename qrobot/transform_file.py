@@ -103,7 +103,7 @@ class TransformFile:
 
     def _lines(self) -> list[str]:
         try:
-            return self._path.read_text().splitlines() if self._path.exists() else []
+            return self._path.read_text(encoding="utf-8-sig").splitlines() if self._path.exists() else []
         except (OSError, UnicodeDecodeError) as error:
             raise ConfigError(f"cannot read {self._path}: {error_text(error)}") from error
 

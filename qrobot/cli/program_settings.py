@@ -37,7 +37,7 @@ def settings_of(program: Path) -> ProgramSettings:
         ConfigError: the head cannot be read, or names something else.
     """
     try:
-        found = BLOCK.search(program.read_text(encoding="utf-8"))
+        found = BLOCK.search(program.read_text(encoding="utf-8-sig"))
     except UnicodeDecodeError:
         return ProgramSettings()
     return ProgramSettings() if found is None else _read(found["lines"], program)

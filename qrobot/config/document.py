@@ -95,7 +95,7 @@ def parse_document(content: bytes, label: str) -> dict[str, Any]:
 @lru_cache(maxsize=16)
 def _tables(content: bytes) -> dict[str, Any]:
     """Parse a TOML file, for nobody to change: a robot's is often asked for, and a copy takes a tenth of it."""
-    return tomllib.loads(content.decode("utf-8"))
+    return tomllib.loads(content.decode("utf-8-sig"))  # editors put a mark of the byte order in front
 
 
 def check_document(model: type[M], document: Mapping[str, Any], label: str, context: Any = None) -> M:

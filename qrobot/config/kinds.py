@@ -61,7 +61,7 @@ def kind_of_file(path: Path) -> FileKind | None:
         if data.startswith(magic):
             return kind
     try:
-        text = data.decode("utf-8")
+        text = data.decode("utf-8-sig")
     except UnicodeDecodeError:
         return None
     return _kind_of_text(text)

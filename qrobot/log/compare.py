@@ -213,7 +213,7 @@ def _file_differences(a: Log, b: Log) -> Iterator[Difference]:
 def _flat(toml: bytes) -> dict[str, Any]:
     """Values of a TOML file by dotted key; what is no TOML counts as one value."""
     try:
-        return dict(_leaves(tomllib.loads(toml.decode()), ""))
+        return dict(_leaves(tomllib.loads(toml.decode("utf-8-sig")), ""))
     except (tomllib.TOMLDecodeError, UnicodeDecodeError):
         return {"contents": toml.decode(errors="replace")}
 

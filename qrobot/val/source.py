@@ -87,7 +87,7 @@ def _text(path: Path) -> str:
     try:
         if path.exists() and not path.is_file():  # a device may have no end
             raise ConfigError(f"cannot read {printable(str(path))}: it is no file")
-        return path.read_text(encoding="utf-8")
+        return path.read_text(encoding="utf-8-sig")  # editors put a mark of the byte order in front
     except (OSError, ValueError) as error:
         raise ConfigError(f"cannot read {printable(str(path))}: {_reason(error)}") from error
 
