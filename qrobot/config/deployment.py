@@ -27,6 +27,7 @@ from qrobot.config.outputs import AnalogOutputLine, BoardAnalogOutput, BoardOutp
 from qrobot.config.scene import ForceSensor, Scene
 from qrobot.config.signals import NamedSignal
 from qrobot.config.transport import PortTransport
+from qrobot.config.values import Name
 
 TRANSPORTS = (
     "port",
@@ -285,7 +286,7 @@ class LogChoice(Table):
 class DeployedArm(Table):
     """One arm: its instance name, its robot file and its processes."""
 
-    name: str = Field(pattern=r"^[a-z][a-z0-9_]*$", max_length=32)
+    name: Name
     robot: str
     board: BoardChoice = BoardChoice()
     servo: ServoChoice = ServoChoice()

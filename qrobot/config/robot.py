@@ -35,6 +35,7 @@ from qrobot.config.values import (
     PerJointPositive,
     PerJointSigns,
     PerJointVectors,
+    RobotName,
     Vector,
     frozen,
 )
@@ -264,7 +265,7 @@ class BoardSection(Section):
 class Robot(Table):
     """One robot. Immutable; arrays are read-only."""
 
-    name: str = Field(pattern=r"^[a-z][a-z0-9_]*$")
+    name: RobotName
     about: str = ""
     joints: Joints
     geometry: Geometry

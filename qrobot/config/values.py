@@ -35,6 +35,18 @@ class JointKinds:
         return self.prismatic.size
 
 
+def _name(value: str) -> str:
+    if re.fullmatch("[a-z][a-z0-9_]*", value) is None:
+        raise ValueError(f"{value!r} is no name: small letters, digits and underscores make one, a letter first")
+    return value
+
+
+RobotName = Annotated[str, AfterValidator(_name)]
+Name = Annotated[RobotName, Field(max_length=32)]
+MaybeName = Annotated[str, Field(max_length=32), AfterValidator(lambda value: value and _name(value))]
+"""A name, or none: ""."""
+
+
 def frozen(array: NDArray[Any]) -> NDArray[Any]:
     """The same array, contiguous and read-only."""
     array = np.ascontiguousarray(array)

@@ -168,7 +168,7 @@ def test_a_bridge_listens_on_the_loopback_interface_and_a_link_alone(tmp_path: P
 
 @pytest.mark.parametrize("name", ["Left", "a/b", "", "../x", "x" * 33])
 def test_an_arm_name_is_fit_for_a_file_name(tmp_path: Path, name: str) -> None:
-    with pytest.raises(ConfigError, match=r"arm\.0\.name"):
+    with pytest.raises(ConfigError, match=r"arm\.0\.name: .*(small letters, digits and underscores|at most 32 char)"):
         load(tmp_path, ONE.replace("left", name))
 
 
