@@ -8,8 +8,10 @@ fences also constant locations that are too near to one; where the lines of an a
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import islice
 
 import numpy as np
 
@@ -26,7 +28,7 @@ from qrobot.val.fenced_place import fence_refusal
 from qrobot.val.machine import no_analog_output, no_signal
 from qrobot.val.number_ranges import check_numbers
 from qrobot.val.signal_lines import SignalLines
-from qrobot.val.signatures import expressions_in, parts_of, wanted_kinds
+from qrobot.val.signatures import expressions_in, parts_of, wanted_kinds, wanted_within
 from qrobot.val.source import SourceFile, read_source
 from qrobot.val.structure import jumps_of
 from qrobot.val.values import JointLocation, Transformation, ValValue, check_joint_count, stored_location
@@ -115,6 +117,7 @@ class _Checker:
         self._space = Workspace(robot)
         actions = [line.action for program in source.programs.values() for line in program.lines]
         self._changed = {name for action in actions for name in _names_given(action)}
+        self._kinds = self._kinds_of_names(actions)
         self._known = self._names_with_a_value()
         self._beside = beside_programs(source)
         self._frames_move = any(isinstance(a, tree.Instruction) and a.word in ("TOOL", "BASE") for a in actions)
@@ -132,6 +135,19 @@ class _Checker:
         stored = {name.partition("[")[0] for name in (*self._source.locations, *self._source.numbers)}
         parameters = {name for program in self._source.programs.values() for name in program.parameters}
         return stored | parameters | self._changed | {*LOCATION_VALUES, *NUMBER_VALUES}
+
+    def _kinds_of_names(self, actions: Sequence[tree.StepAction | None]) -> dict[str, set[str]]:
+        """The kinds of value that names may have, an array those of its elements; "either" is not known."""
+        kinds: dict[str, set[str]] = defaultdict(set)
+        for stored, kind in ((self._source.locations, "location"), (self._source.numbers, "number")):
+            for name in stored:
+                kinds[name.partition("[")[0]].add(kind)
+        for program in self._source.programs.values():
+            for name in program.parameters:
+                kinds[name].add("either")
+        for name, kind in (given for action in actions for given in _kinds_given(action)):
+            kinds[name].add(kind)
+        return kinds
 
     def _mistakes_of(self, action: tree.StepAction) -> Iterator[ProgramError]:
         looks = self._words, self._calls, self._signals, self._analog, self._joints, self._places, self._values
@@ -176,13 +192,24 @@ class _Checker:
                 (location_of if kind == "location" else number_of)(expression, self)
             except KindError as error:
                 yield error
+            except _VariesError:
+                yield from islice(self._strange_kinds(expression, kind), 1)
             except ProgramError as error:
-                if _is_literal(expression) and not isinstance(error, _VariesError):
+                if _is_literal(expression):
                     yield error
         try:
             check_numbers(action, self.robot.n, lambda each: self._constant(each) if _is_literal(each) else None)
         except ProgramError as error:
             yield ProgramError(error.what, column=error.column or 1)
+
+    def _strange_kinds(self, expression: tree.Expression, kind: str) -> Iterator[ProgramError]:
+        """Names that vary, and are never of the kind that is wanted in an expression of this kind."""
+        for part, wanted in ((expression, kind), *wanted_within(expression)):
+            variable = part.variable if isinstance(part, tree.GroupedVariable) else part
+            if self._readable and isinstance(variable, tree.VariableName):
+                kinds = self._kinds.get(variable.name, set())
+                if len(kinds) == 1 and not kinds & {wanted, "either"}:
+                    yield KindError(f"expected a {wanted}, not a {next(iter(kinds))}", column=variable.column)
 
     def _calls(self, action: tree.StepAction) -> Iterator[ProgramError]:
         if not isinstance(action, tree.ProgramCall | tree.Reaction | tree.ProcessStart):
@@ -305,14 +332,22 @@ def _is_literal(expression: tree.Expression) -> bool:
 
 
 def _names_given(action: tree.StepAction | None) -> Iterator[str]:
-    """Variables that an action may change; those given to a program may be changed there."""
+    """Variables that an action may change."""
+    yield from (name for name, _ in _kinds_given(action))
+
+
+def _kinds_given(action: tree.StepAction | None) -> Iterator[tuple[str, str]]:
+    """Variables that an action may change, and the kind of the value; those given to a program may be changed there."""
     match action:
-        case tree.Assignment(target=target) | tree.PromptFor(target=target) | tree.ForLoop(variable=target):
-            yield target.name
+        case tree.Assignment(target=target, location=location):
+            yield target.name, "location" if location else "number"
+        case tree.PromptFor(target=target) | tree.ForLoop(variable=target):
+            yield target.name, "number"
         case tree.Decomposition(target=name):
-            yield name
+            yield name, "number"
         case tree.Instruction(word="HERE", arguments=arguments) | tree.ProgramCall(arguments=arguments):
-            yield from (argument.name for argument in arguments if isinstance(argument, tree.VariableName))
+            kind = "location" if isinstance(action, tree.Instruction) else "either"
+            yield from ((argument.name, kind) for argument in arguments if isinstance(argument, tree.VariableName))
 
 
 def _signal_numbers(action: tree.StepAction) -> Iterator[tuple[tree.Expression, bool]]:

@@ -84,10 +84,7 @@ def wanted_kinds(action: tree.StepAction) -> Iterator[tuple[tree.Expression, str
     match action:
         case tree.Instruction(word=word, arguments=arguments):
             kinds = ("number",) if word in OPEN_ENDED else _SIGNATURES[word]
-            for number, argument in enumerate(arguments):
-                kind = kinds[min(number, len(kinds) - 1)].rstrip("?")
-                if argument is not None and kind in ("number", "location"):
-                    yield argument, kind
+            yield from (each for each in _with_kinds(arguments, kinds) if each[1] in ("number", "location"))
         case tree.Decomposition(location=location):
             yield location, "location"
         case tree.Assignment(value=value, location=location):
@@ -99,6 +96,31 @@ def wanted_kinds(action: tree.StepAction) -> Iterator[tuple[tree.Expression, str
             return
         case _:
             yield from ((expression, "number") for expression in expressions_in(action))
+
+
+def wanted_within(expression: tree.Expression) -> Iterator[tuple[tree.Expression, str]]:
+    """Operands, indices and arguments in an expression, each with the kind that is wanted there."""
+    for part in parts_of(expression):
+        match part:
+            case tree.VariableName(indices=indices):
+                yield from ((index, "number") for index in indices)
+            case tree.FunctionCall(name=name, arguments=arguments):
+                yield from _with_kinds(arguments, ("number",) if name in OPEN_ENDED else _FUNCTIONS[name])
+            case tree.LocationChange(name=name, location=location, by=by):
+                yield location, "location"
+                yield from _with_kinds(by, LOCATION_CHANGES[name])
+            case tree.BinaryOperation(operator=operator, left=left, right=right):
+                yield from ((operand, "location" if operator == ":" else "number") for operand in (left, right))
+            case tree.UnaryOperation(operand=operand):
+                yield operand, "number"
+
+
+def _with_kinds(
+    arguments: Sequence[tree.Expression | None], kinds: Sequence[str]
+) -> Iterator[tuple[tree.Expression, str]]:
+    for number, argument in enumerate(arguments):
+        if argument is not None:
+            yield argument, kinds[min(number, len(kinds) - 1)].rstrip("?")
 
 
 def expressions_in(action: tree.StepAction) -> Iterator[tree.Expression]:

@@ -95,6 +95,45 @@ def test_a_mistake_is_told_with_line_and_column(line: str, column: int, said: st
     assert said in mistakes[0].what
 
 
+@pytest.mark.parametrize(
+    ("line", "column", "said"),
+    [
+        ("y = a", 5, "expected a number, not a location"),
+        ("y = 1+(b)", 8, "expected a number, not a location"),
+        ("SET c = SHIFT(near BY a)", 23, "expected a number, not a location"),
+        ("MOVE c[a]", 8, "expected a number, not a location"),
+        ("x = DX(i)", 8, "expected a location, not a number"),
+        ("MOVE near:x", 11, "expected a location, not a number"),
+        ("MOVES d[1]", 7, "expected a location, not a number"),
+        ("FOR i = 1 TO a", 14, "expected a number, not a location"),
+    ],
+)
+def test_a_name_that_the_program_gives_values_of_one_kind_alone_is_of_that_kind(
+    line: str, column: int, said: str
+) -> None:
+    given = "SET a = TRANS(1,2,3)", "HERE b", 'PROMPT "x", x', "SET c[1] = a", "DECOMPOSE d[] = a"
+    loop = [] if line.startswith("FOR") else ["FOR i = 1 TO 2"]
+    mistakes = check_text(main_program(*given, *loop, line, "END", rest=PLACES), ROBOT)
+    assert [(mistake.line, mistake.column, mistake.what) for mistake in mistakes] == [
+        (len(given) + len(loop) + 2, column, said)
+    ]
+
+
+@pytest.mark.parametrize(
+    ("before", "line"),
+    [
+        (("SET a = near", "MOVE a", "a = 3"), "y = a"),
+        (("SET near = TRANS(1)", "near = 1"), "y = near"),
+        (("SET a[1] = near", "a[2] = 3"), "y = a[2]"),
+        (("SET a = near", "CALL other(a)"), "y = a"),
+        (("SET p = near",), "y = p"),
+    ],
+)
+def test_a_name_that_may_be_a_number_or_a_location_is_for_the_run_to_tell(before: tuple[str, ...], line: str) -> None:
+    other = ".PROGRAM other(p)\n    p = 1\n.END\n"
+    assert check_text(main_program(*before, line, rest=other + PLACES), ROBOT) == []
+
+
 @pytest.mark.parametrize("seed", range(6))
 def test_places_are_looked_at_for_an_arm_without_a_closed_form(seed: int) -> None:
     random, robot = np.random.default_rng(seed), drawn(seed)
