@@ -40,7 +40,7 @@ START_S: Final = 0.5  # for the servo to follow a stream that began
 MOST_STARTS: Final = 5  # [A] streams that begin one after another, because the arm has not moved in the one before
 TRACE_SAMPLES: Final = 36  # a second at 28 ms, for the report of a fault
 UNPOWERED: Final = frozenset({Mode.OFF, Mode.FAULT})
-SERVO_AWAY: Final = "bridge or servo was away while the arm was off its path"
+SERVO_AWAY: Final = "bridge or servo was away, or the program was held, while the arm was off its path"
 STOPPED_BY_HAND: Final = "no fault; somebody told it to, or took its power away"
 _SEQ_MODULUS: Final = 1 << 32
 
