@@ -138,11 +138,13 @@ def ends_as_ctrl_c() -> Iterator[Callable[[], bool]]:
         return
     came: list[int] = []
 
-    def hear(number: int, _frame: FrameType | None) -> None:
+    def hear(number: int, frame: FrameType | None) -> None:
         first_or_again = not came or (number == signal.SIGTERM and number in came)
         came.append(number)
-        if first_or_again:
+        if first_or_again and callable(signal.getsignal(signal.SIGINT)):
             signal.raise_signal(signal.SIGINT)
+        elif first_or_again:  # a shell ignores Ctrl-C, and nothing else, for what a script runs in the background
+            signal.default_int_handler(number, frame)
 
     try:
         with handled({number: hear for number in ending_signals() if number != signal.SIGINT}):

@@ -149,6 +149,15 @@ def test_what_closes_a_terminal_interrupts_once_and_sigterm_and_ctrl_c_do_so_aga
         assert signal.getsignal(signal.SIGHUP) is signal.SIG_DFL
 
 
+def test_what_a_script_runs_in_the_background_hears_sigterm_though_ctrl_c_is_ignored_there() -> None:
+    with default_signals(signal.SIGTERM), handled({signal.SIGINT: signal.SIG_IGN}), ends_as_ctrl_c() as came:
+        assert not meets(signal.SIGINT)
+        assert not came()
+        assert meets(signal.SIGTERM)
+        assert meets(signal.SIGTERM)
+        assert came()
+
+
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
 def test_the_status_tells_the_signal_also_when_a_closed_terminal_takes_no_word_any_more(
     number: signal.Signals,

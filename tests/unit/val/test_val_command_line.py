@@ -13,6 +13,7 @@ from qrobot.cli.main import make_app
 from qrobot.cli.val import _execute
 from qrobot.rccl.offline import OfflineLink
 from qrobot.rci import Link
+from qrobot.realtime.signals import handled
 from qrobot.wire import Hello
 from tests.support.signals import default_signals
 from tests.support.val_runs import PLACES, interpreter, main_program
@@ -50,6 +51,23 @@ def test_sigterm_and_a_closed_terminal_bring_the_arm_to_rest_and_are_told_in_one
         assert run_app(make_app("val"), ["val", "run", kind, "--library", library, str(file)]) == 128 + number
         assert signal.getsignal(number) is signal.SIG_DFL
     assert capsys.readouterr().err.splitlines()[-1] == "qrobot: interrupted in program main, line 3: the arm stands"
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        main_program("WHILE TRUE DO", 'TYPE "on the way"', "END"),
+        main_program("MOVE a", 'TYPE "on the way"', "MOVE b", rest=PLACES),
+    ],
+)
+def test_sigterm_ends_a_program_that_a_script_runs_in_the_background_where_ctrl_c_is_ignored(
+    text: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = tmp_path / "behind.v2"
+    file.write_text(text)
+    monkeypatch.setattr("qrobot.cli.val._say", lambda _: signal.raise_signal(signal.SIGTERM))
+    with default_signals(signal.SIGTERM), handled({signal.SIGINT: signal.SIG_IGN}):
+        assert run_app(make_app("val"), ["val", "run", "--offline", str(file)]) == 143
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
