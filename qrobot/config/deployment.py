@@ -27,7 +27,7 @@ from qrobot.config.outputs import AnalogOutputLine, BoardAnalogOutput, BoardOutp
 from qrobot.config.scene import ForceSensor, Scene
 from qrobot.config.signals import NamedSignal
 from qrobot.config.transport import PortTransport
-from qrobot.config.values import Name
+from qrobot.config.values import GivenName
 
 TRANSPORTS = (
     "port",
@@ -286,7 +286,7 @@ class LogChoice(Table):
 class DeployedArm(Table):
     """One arm: its instance name, its robot file and its processes."""
 
-    name: Name
+    name: GivenName
     robot: str
     board: BoardChoice = BoardChoice()
     servo: ServoChoice = ServoChoice()

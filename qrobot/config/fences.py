@@ -8,7 +8,7 @@ from pydantic import Field, model_validator
 
 from qrobot.config.document import Table
 from qrobot.config.scene import Place
-from qrobot.config.values import Name
+from qrobot.config.values import GivenName
 
 MOST_SHAPES = 32  # [A] with those of the scene: what the table of the servo has room for
 
@@ -32,7 +32,7 @@ class Fence(Table):
     `margin_m` away from it; the servo guards the fence itself.
     """
 
-    name: Name
+    name: GivenName
     shape: FenceShape
     keep: Literal["out", "in"] = "out"
     bodies: Bodies = "all"

@@ -7,7 +7,7 @@ from typing import Final, Literal
 from pydantic import Field, model_validator
 
 from qrobot.config.document import Table
-from qrobot.config.values import MaybeName
+from qrobot.config.values import MaybeGivenName
 
 N_OUTPUTS: Final = 16  # as many as the wire's STATE has bits for
 ALL_OUTPUTS: Final = (1 << N_OUTPUTS) - 1
@@ -22,7 +22,7 @@ class OutputLine(Table):
     """
 
     output: int = Field(ge=1, le=N_OUTPUTS)
-    name: MaybeName = ""
+    name: MaybeGivenName = ""
     on_stop: Literal["off", "hold"] = "off"
 
     @property
@@ -50,7 +50,7 @@ class AnalogOutputLine(Table):
     """
 
     output: int = Field(ge=1, le=N_ANALOG_OUTPUTS)
-    name: MaybeName = ""
+    name: MaybeGivenName = ""
     min_v: float = Field(default=-10.0, ge=-10, le=10, allow_inf_nan=False)
     max_v: float = Field(default=10.0, ge=-10, le=10, allow_inf_nan=False)
     on_stop: Literal["off", "hold"] = "off"

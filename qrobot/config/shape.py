@@ -7,7 +7,7 @@ from typing import Annotated
 from pydantic import Field, model_validator
 
 from qrobot.config.document import Section, Table
-from qrobot.config.values import Name
+from qrobot.config.values import GivenName
 
 MOST_CAPSULES = 24  # [A] of an arm with its tool: what the table of the servo has room for
 
@@ -23,7 +23,7 @@ class Capsule(Table):
     `link` 0 is the base, n the last one. Both ends at one place make a ball.
     """
 
-    name: Name
+    name: GivenName
     link: int = Field(ge=0)
     from_m: LinkPoint = Field(strict=False)
     to_m: LinkPoint = Field(strict=False)

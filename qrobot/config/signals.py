@@ -9,7 +9,7 @@ from pydantic import Field, model_validator
 
 from qrobot.config.document import Table
 from qrobot.config.outputs import N_ANALOG_OUTPUTS, N_OUTPUTS
-from qrobot.config.values import Name
+from qrobot.config.values import GivenName
 
 N_BOARD_INPUTS: Final = 6  # discrete inputs of the board, 0 to 5
 N_CHANNELS: Final = 8  # of its converter
@@ -34,7 +34,7 @@ class NamedSignal(Table):
     (volts - `zero_v`) x `per_volt`, in `unit`. `analog_output` is an analogue output, from 1, likewise.
     """
 
-    name: Name
+    name: GivenName
     inputs: tuple[_Input, _Input] | None = Field(default=None, strict=False)
     outputs: tuple[_Output, _Output] | None = Field(default=None, strict=False)
     analog: int | None = Field(default=None, ge=0, lt=N_CHANNELS)

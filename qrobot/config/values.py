@@ -42,8 +42,8 @@ def _name(value: str) -> str:
 
 
 RobotName = Annotated[str, AfterValidator(_name)]
-Name = Annotated[str, Field(max_length=32), AfterValidator(_name)]
-MaybeName = Annotated[str, Field(max_length=32), AfterValidator(lambda value: value and _name(value))]
+GivenName = Annotated[str, Field(max_length=32), AfterValidator(_name)]
+MaybeGivenName = Annotated[str, Field(max_length=32), AfterValidator(lambda value: value and _name(value))]
 """A name, or none: ""."""
 
 
