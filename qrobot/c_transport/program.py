@@ -17,11 +17,10 @@ from qrobot.c_transport.engine import serve
 from qrobot.c_transport.program_link import MakeDispatcher
 from qrobot.errors import ConfigError
 from qrobot.rci.c.relay import relay
-from qrobot.realtime.signals import ending_signals, handled
+from qrobot.realtime.signals import SIGNALLED, ending_signals, handled, signal_name
 
 ENGINE: Final = "QROBOT_ENGINE"  # environment: the two channels a program finds
 _ELF: Final = b"\x7fELF"
-_BY_SIGNAL: Final = 128  # exit statuses of shells
 
 
 def is_executable(path: Path) -> bool:
@@ -58,22 +57,32 @@ def run_served(path: Path, arguments: Sequence[str], languages: Sequence[MakeDis
             status = child.wait()
     if status >= 0:
         return status
-    print(f"{path.name}: ended by {signal.Signals(-status).name} ({signal.strsignal(-status)})", file=sys.stderr)
-    return _BY_SIGNAL - status
+    print(f"{path.name}: ended by {signal_name(-status)} ({signal.strsignal(-status)})", file=sys.stderr)
+    return SIGNALLED - status
 
 
 @contextmanager
 def _signals_are_the_programs() -> Iterator[Callable[[subprocess.Popen[bytes]], None]]:
     """The program ends in its own way; gives a function that takes its process.
 
-    Ctrl-C and SIGHUP of a closed terminal reach it too, SIGTERM is passed on. Handlers here, as deafness would be
-    inherited.
+    Ctrl-C and SIGHUP of a closed terminal reach it too, SIGTERM is passed on, also one that came before. Handlers here,
+    as deafness would be inherited.
     """
     children: list[subprocess.Popen[bytes]] = []
+    early: list[int] = []
 
     def hear(number: int, _frame: FrameType | None) -> None:
-        for child in children if number == signal.SIGTERM else ():
+        if number != signal.SIGTERM:
+            return
+        if not children:
+            early.append(number)
+        for child in children:
             child.send_signal(number)
 
+    def started(child: subprocess.Popen[bytes]) -> None:
+        children.append(child)
+        if early:
+            child.send_signal(signal.SIGTERM)
+
     with handled(dict.fromkeys(ending_signals(), hear)):
-        yield children.append
+        yield started

@@ -10,7 +10,7 @@ import sys
 import sysconfig
 from collections.abc import Callable, Collection, Sequence
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, TextIO
 
 from cyclopts import App, CycloptsError, UnknownCommandError, ValidationError
 from rich.console import Console, ConsoleDimensions
@@ -152,7 +152,7 @@ def run_app(app: App, tokens: Sequence[str], prepare: Callable[[], object] = lam
         _forget_unwritten()
         return interrupt.status if isinstance(interrupt, SignalledEnd) else INTERRUPTED
     except BrokenPipeError:  # `qrobot log info | head`: the reader has had enough
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        _let_be_lost(sys.stdout)
         return SUCCESS
     except OSError as error:
         if error.filename is None:
@@ -168,7 +168,12 @@ def _forget_unwritten() -> None:
         try:
             stream.flush()
         except OSError:
-            os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
+            _let_be_lost(stream)
+
+
+def _let_be_lost(stream: TextIO) -> None:
+    """Let what a stream has not taken, and whatever comes, go nowhere: there is nobody to read it."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
 
 def _sentence(error: CycloptsError) -> str:

@@ -1,4 +1,4 @@
-"""Typed values of the robot files: lists in TOML, read-only float64 arrays in Python.
+"""Typed values of the robot files: lists in TOML, read-only float64 arrays in Python; names, of all files.
 
 How long a list must be and which of its entries are angles depends on the robot's joints, which reach the validators
 as the validation context (`JointKinds`). Joint quantities in degrees (`JointDegrees`) are degrees on revolute joints

@@ -311,10 +311,14 @@ class FenceSet:
 
 def _sentence(what: str, fence: str, body: str, distance: float, margin: float, share: float) -> str:
     where = f"after {100 * share:.0f} % of the way" if share > 0.0 else "where the motion begins"
-    off = f"{-distance * MM_PER_M:.1f} mm inside" if distance < 0.0 else f"{distance * MM_PER_M:.1f} mm off"
-    other = "another part of the arm" if fence == ITSELF else f"fence {fence!r}"
     kept = f"motions keep {margin * MM_PER_M:g} mm away"
-    return f"{what}: {body} would be {off} {other} {where}, and {kept}; choose another way or goal"
+    return f"{what}: {body} would be {distance_words(fence, distance)} {where}, and {kept}; choose another way or goal"
+
+
+def distance_words(fence: str, distance: float) -> str:
+    """Words for how far something is off a fence, or inside it; `distance` in m."""
+    off = f"{-distance * MM_PER_M:.1f} mm inside" if distance < 0.0 else f"{distance * MM_PER_M:.1f} mm off"
+    return f"{off} {'another part of the arm' if fence == ITSELF else f'fence {fence!r}'}"
 
 
 def _reaches(robot: Robot, capsules: Sequence[Capsule]) -> Floats:

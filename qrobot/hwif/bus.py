@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from qrobot.arrays import Words
-from qrobot.errors import LinkBusy, LinkError, RemoteProtocolError
+from qrobot.errors import ConfigError, LinkBusy, LinkError, RemoteProtocolError
 from qrobot.hwif.board_memory import BoardMemory, Lane, fetch_image
 from qrobot.hwif.image import IMAGE_INPUTS
 from qrobot.hwif.lanes import post_operations
@@ -42,6 +42,7 @@ from qrobot.hwif.registers import (
     DISCRETE_J6_OVERFLOW,
     DISCRETE_LINES,
     N_DACS,
+    N_ENCODERS,
     WINDOW_BYTES,
 )
 
@@ -51,6 +52,14 @@ NO_OPERATIONS: Final = np.zeros((0, OP_FIELDS), np.int64)
 IMAGE_TRIES: Final = 100
 IMAGE_PAUSE_S: Final = 100e-6
 SCRATCH_BITS: Final = DISCRETE_CALIBRATED | DISCRETE_J6_OVERFLOW
+
+
+def check_encoders(robot: str, joints: int) -> None:
+    """Raise ConfigError when a robot has more joints than any board has encoder channels."""
+    if joints > N_ENCODERS:
+        raise ConfigError(
+            f"{robot} has {joints} joints, and a board {N_ENCODERS} encoder channels: such an arm runs off line only"
+        )
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ import numpy as np
 from qrobot.arrays import Bools, Floats
 from qrobot.config import Robot
 from qrobot.errors import IdentificationError
-from qrobot.fences.fence_set import ITSELF, FenceSet
+from qrobot.fences.fence_set import FenceSet, distance_words
 from qrobot.ident.link_lines import HAND_M, LinkLines, stands_upright, up_of
 from qrobot.units import MM_PER_M
 
@@ -71,9 +71,8 @@ class Clearance:
         near = min(self._fences.nearness(q), key=lambda near: near.distance - near.margin)
         if near.distance >= near.margin:
             return ""
-        off = f"{MM_PER_M * near.distance:.0f} mm off" if near.distance > 0.0 else "inside"
-        other = "another part of the arm" if near.fence == ITSELF else f"fence {near.fence!r}"
-        return f"{near.body} is {off} {other}, and plans keep {MM_PER_M * near.margin:.0f} mm away"
+        kept = f"plans keep {MM_PER_M * near.margin:g} mm away"
+        return f"{near.body} is {distance_words(near.fence, near.distance)}, and {kept}"
 
     def of_way(self, begin: Floats, end: Floats) -> bool:
         """Whether all of a straight way between two joint positions (n,) is."""

@@ -118,7 +118,7 @@ def make_plan(
         fences: that the arm keeps off, beyond their margins.
 
     Raises:
-        IdentificationError: `ready` or too few poses are clear, or fewer are asked for than tell everything.
+        IdentificationError: `ready` is not clear, too few poses are, or fewer are asked for than tell everything.
     """
     clearance = Clearance(robot, fences)
     clearance.check_ready(robot.poses[READY])

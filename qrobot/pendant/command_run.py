@@ -16,6 +16,7 @@ from typing import Final, Literal
 
 from qrobot.pendant.output_tail import OutputTail
 from qrobot.realtime.own_process import own_command
+from qrobot.realtime.signals import signal_name
 
 LAUNCH: Final = Path(__file__).with_name("launch.py")
 INTERRUPTED_S: Final = 10.0  # for a program to bring its arm to rest and to write its trace; then it is killed
@@ -180,5 +181,5 @@ class CommandRun:
         if self._ending:
             return "it was ended"
         if status < 0:
-            return f"it was killed by {signal.Signals(-status).name}"
+            return f"it was killed by {signal_name(-status)}"
         return f"it failed, status {status}: see the last lines" if status else "it has come to its end"

@@ -27,7 +27,7 @@ def stop_all() -> None:
 
 
 def interpreter_ends_well() -> bool:
-    """Nothing has been raised that nobody has handled."""
+    """Whether the interpreter ends without an error that nobody has handled."""
     return not hasattr(sys, "last_value")
 
 

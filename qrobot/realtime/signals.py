@@ -18,6 +18,14 @@ NEEDED_S: Final = 0.05  # from one question whether a process is still needed to
 _FULL = BlockingIOError  # the pipe holds more than anybody needs to be woken
 
 
+def signal_name(number: int) -> str:
+    """Name of a signal; those of real time, but the first and the last, have none."""
+    try:
+        return signal.Signals(number).name
+    except ValueError:
+        return f"signal {number}"
+
+
 class SignalledEnd(KeyboardInterrupt):
     """A signal other than SIGINT has ended a command.
 

@@ -12,6 +12,7 @@ from qrobot.config import Robot
 from qrobot.config.scene import ForceSensor, Scene
 from qrobot.errors import ConfigError
 from qrobot.hwif.board_memory import PANEL_MICRO, BoardMemory
+from qrobot.hwif.bus import check_encoders
 from qrobot.hwif.registers import DISCRETE_CALIBRATED, N_ENCODERS
 from qrobot.realtime.flat_record import record_of
 from qrobot.realtime.jit import lean_kernel
@@ -153,10 +154,7 @@ class Emulator:
         faults: FaultPlan | None = None,
         plant: PlantOwner | None = None,
     ) -> None:
-        if robot.n > N_ENCODERS:
-            raise ConfigError(
-                f"{robot.name} has {robot.n} joints, a board encoders for {N_ENCODERS}: such an arm runs off line only"
-            )
+        check_encoders(robot.name, robot.n)
         self.robot = robot
         self.mismatch = mismatch or PlantMismatch.nominal(robot.n)
         self._plan = faults or FaultPlan()

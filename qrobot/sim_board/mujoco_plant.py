@@ -15,7 +15,8 @@ An `mju_error` under a call from compiled code ends the process, so a model is s
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -136,10 +137,8 @@ def load_plant(
     import mujoco
 
     spec = robot_spec(robot, dt, gravity_factor, scene, payload_kg, sensed)
-    try:
+    with _refusals(robot):
         model = spec.compile()
-    except ValueError as error:
-        raise ConfigError(f"{robot.name} cannot be simulated: {error}") from error
     memory = PlantMemory(robot, model, mujoco.MjData(model))
     memory.place(robot.poses["zero"] if "zero" in robot.poses else np.zeros(robot.n))
     mujoco.mj_step(model, memory.data)
@@ -151,8 +150,15 @@ def load_plant(
 
 def mjcf_text(robot: Robot, dt: float) -> str:
     """The MuJoCo model of a robot as MJCF. Raises ConfigError when MuJoCo refuses its masses or inertias."""
-    try:
+    with _refusals(robot):
         return str(robot_spec(robot, dt).to_xml())
+
+
+@contextmanager
+def _refusals(robot: Robot) -> Iterator[None]:
+    """A block in which MuJoCo may refuse a robot's masses or inertias. Raises ConfigError then."""
+    try:
+        yield
     except ValueError as error:
         raise ConfigError(f"{robot.name} cannot be simulated: {error}") from error
 

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import re
 import signal
+import subprocess
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -199,6 +201,20 @@ def test_a_signal_stops_the_arm_in_its_last_motions_too(sent: str, expected: int
     assert "interrupted; the arm is brought to rest" in capfd.readouterr().err
     assert trace.requests[-1].code == Termination.STOPPED
     assert len(trace.setpoints.q) < 100  # of 5.4 s
+
+
+def test_sigterm_that_comes_while_a_program_is_started_ends_it(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    class Start(subprocess.Popen[bytes]):
+        def __init__(self, *words: Any, **settings: Any) -> None:
+            signal.raise_signal(signal.SIGTERM)
+            super().__init__(*words, **settings)
+
+    program = compiled_text("#include <unistd.h>\nmain() { for (;;) pause(); }", folder)
+    monkeypatch.setattr("qrobot.c_transport.program.subprocess.Popen", Start)
+    assert offline(lambda: run_executable(program))[0] == 143
+    assert "program: ended by SIGTERM (Terminated)\n" in capfd.readouterr().err
 
 
 @pytest.mark.parametrize(("call", "typed"), [("sample(20.);", ""), ("stepmode();", "world dx 0\n")])

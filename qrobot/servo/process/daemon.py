@@ -25,12 +25,12 @@ from qrobot.config import Robot
 from qrobot.errors import ConfigError, LinkError, QRobotError
 from qrobot.faultcodes import NO_JOINT, FaultCode, explain
 from qrobot.hwif.board_memory import BoardSegment, Lane, attach_board_memory, command_board_memory, local_board_memory
+from qrobot.hwif.bus import check_encoders
 from qrobot.hwif.isa.bus import PortBus
 from qrobot.hwif.isa.card import CARD_BASE, CARD_KIND, CARD_READ_ONLY, CARD_WITHHELD, NO_CARD, REAL_CARD, make_card
 from qrobot.hwif.isa.owner import own_board_memory
 from qrobot.hwif.isa.permission import require_ports
 from qrobot.hwif.lanes import discard_operations
-from qrobot.hwif.registers import N_ENCODERS
 from qrobot.modecodes import Mode
 from qrobot.realtime.deadline import Deadline
 from qrobot.realtime.machine import throttled_to
@@ -283,10 +283,7 @@ def serve(
         LinkError: no board serves this arm, or no card answers.
         LinkBusy: another servo runs this arm.
     """
-    if robot.n > N_ENCODERS:
-        raise ConfigError(
-            f"{robot.name} has {robot.n} joints, a board encoders for {N_ENCODERS}: such an arm runs off line only"
-        )
+    check_encoders(robot.name, robot.n)
     check_gains(robot, settings)
     card = make_card(NO_CARD) if card is None else card
     board_comes_later = turn_is_awaited()

@@ -92,12 +92,12 @@ def test_a_fast_run_that_is_stopped_anywhere_rests_before_the_fences() -> None:
 def test_an_arm_whose_pose_ready_is_beyond_a_fence_is_told_so_before_a_plan_is_sought() -> None:
     ceiling = Fence(name="ceiling", shape="plane", keep="in", position_m=(0.0, 0.0, 0.5))
     for plan in (planned, excited):
-        with pytest.raises(IdentificationError, match=r"is inside fence 'ceiling', .* move it in the robot file"):
+        with pytest.raises(IdentificationError, match=r"mm inside fence 'ceiling', .* move it in the robot file"):
             plan(FenceSet(PUMA, [ceiling]))
 
 
 def test_an_arm_whose_pose_ready_is_too_near_to_a_fence_is_told_how_near() -> None:
     top = 0.02 + max(max(a[2], b[2]) + radius for _, a, b, radius in FENCES.capsules_at(READY))
     ceiling = Fence(name="ceiling", shape="plane", keep="in", position_m=(0.0, 0.0, top), margin_m=0.05)
-    with pytest.raises(IdentificationError, match="is 20 mm off fence 'ceiling', and plans keep 55 mm away"):
+    with pytest.raises(IdentificationError, match=r"is 20\.0 mm off fence 'ceiling', and plans keep 55 mm away"):
         planned(FenceSet(PUMA, [ceiling]))
