@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,12 +16,13 @@ from qrobot.cli.console import complain, err, note
 from qrobot.config.deployment import DeployedArm
 from qrobot.errors import LogError
 from qrobot.fences.told_fences import told_fences
-from qrobot.log.animation import Film, Progress, write_animation, write_film
-from qrobot.log.read import read_log
 from qrobot.rci import Link, LinkFactory
 from qrobot.rci.forwarding_link import ForwardingLink
 from qrobot.units import NS_PER_S
 from qrobot.wire import Command, State
+
+if TYPE_CHECKING:
+    from qrobot.log.animation import Progress
 
 NOTHING: Final = (
     "no film: the program has heard of no arm by a bridge; `qrobot arcl animate` makes one of a stream of ARCL"
@@ -100,6 +101,9 @@ def drawing_bar() -> Iterator[Progress]:
 
 def film_log(log: Path, film: Path) -> None:
     """Make the film of a log. Raises LogError."""
+    from qrobot.log.animation import Film, write_animation
+    from qrobot.log.read import read_log
+
     with drawing_bar() as progress:
         found = read_log(log)
         length_s = float(found.time_s[-1]) if found.rows.size else 0.0
@@ -110,6 +114,7 @@ def film_log(log: Path, film: Path) -> None:
 def film_heard(heard: Heard, program: str, arm: DeployedArm, path: Path) -> None:
     """Make the film of what a program has heard of its arm. Raises LogError: of nothing, or it cannot be written."""
     from qrobot.cli.motion_stage import MotionStage
+    from qrobot.log.animation import Film, write_film
 
     robot = robot_of_arm(arm)
     times, q, setpoints = heard.table(robot.n)

@@ -9,9 +9,7 @@ from typing import Final
 
 from qrobot import rccl
 from qrobot.cli.console import note, out
-from qrobot.cli.motion_figures import NEAR, farthest_off, joints_figure, path_figure, path_of
 from qrobot.errors import ConfigError
-from qrobot.log.plot import save_figure
 from qrobot.rccl.setpoints import write_setpoints
 from qrobot.rccl.trace import Trace
 from qrobot.rci import LinkFactory
@@ -61,6 +59,9 @@ def _write_trace(trace: Trace, folder: Path, suffix: str, ideal: bool) -> None:
 
 def _write_figures(trace: Trace, folder: Path, suffix: str, ideal: bool) -> None:
     """Joints and path of the newest FIGURED samples, and how far the measured path is off the one asked for."""
+    from qrobot.cli.motion_figures import NEAR, farthest_off, joints_figure, path_figure, path_of
+    from qrobot.log.plot import save_figure  # here, for Matplotlib takes a second: no program waits for it to begin
+
     setpoints = trace.setpoints
     shown = replace(setpoints, q=setpoints.q[-FIGURED:])
     if len(shown.q) < len(setpoints.q):

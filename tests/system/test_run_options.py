@@ -167,8 +167,8 @@ def test_a_film_is_made_however_a_program_ends(
     def write(path: Path, *_: object) -> None:
         path.write_bytes(b"film")
 
-    monkeypatch.setattr("qrobot.cli.run_film.write_film", write)
-    monkeypatch.setattr("qrobot.cli.run_film.write_animation", lambda _, *others: write(*others))
+    monkeypatch.setattr("qrobot.log.animation.write_film", write)
+    monkeypatch.setattr("qrobot.log.animation.write_animation", lambda _, *others: write(*others))
     (here / "ends.py").write_text(f"{SHORT}{end}\n")
     assert status_of(manner, "--record", "ends.gif", "ends.py") == status
     assert (here / "ends.gif").stat().st_size > 0
@@ -186,8 +186,8 @@ def test_a_film_that_fails_is_told_and_hides_no_error_of_the_program(
     def refuse(*_: object) -> None:
         raise LogError("no film: the disk is full")
 
-    monkeypatch.setattr("qrobot.cli.run_film.write_film", refuse)
-    monkeypatch.setattr("qrobot.cli.run_film.write_animation", refuse)
+    monkeypatch.setattr("qrobot.log.animation.write_film", refuse)
+    monkeypatch.setattr("qrobot.log.animation.write_animation", refuse)
     (here / "ends.py").write_text(f"{SHORT}{end}\n")
     assert status_of(manner, "--record", "ends.gif", "ends.py") == status
     said = capsys.readouterr().err

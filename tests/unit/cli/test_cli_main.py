@@ -100,6 +100,14 @@ def test_a_command_is_imported_without_a_look_for_garbage_and_then_garbage_is_lo
     assert found.stdout.split() == ["True", "0", "True", "True"], found.stderr
 
 
+def test_a_program_that_draws_nothing_waits_for_no_library_that_draws() -> None:
+    found = python(
+        "import sys; from qrobot.cli.main import import_command; import_command('run')\n"
+        "import qrobot.cli.run_film, qrobot.cli.run_lockstep, qrobot.cli.traced; print('matplotlib' in sys.modules)"
+    )
+    assert found.stdout.split() == ["False"], found.stderr
+
+
 def test_servo_ctl_is_another_name_of_ctl(capsys: pytest.CaptureFixture[str]) -> None:
     assert run_app(make_app("servo"), ["servo", "ctl", "--help"]) == 0
     assert "calibrate" in capsys.readouterr().out
