@@ -148,7 +148,9 @@ def run_app(app: App, tokens: Sequence[str], prepare: Callable[[], object] = lam
             raise
         complain(told)
         return FAILURE
-    except KeyboardInterrupt as interrupt:
+    except (KeyboardInterrupt, ImportError) as error:
+        if (interrupt := _interrupt_behind(error)) is None:
+            raise
         _forget_unwritten()
         return interrupt.status if isinstance(interrupt, SignalledEnd) else INTERRUPTED
     except BrokenPipeError:  # `qrobot log info | head`: the reader has had enough
@@ -160,6 +162,13 @@ def run_app(app: App, tokens: Sequence[str], prepare: Callable[[], object] = lam
         complain(f"{error.filename}: {error.strerror}")  # a file or folder of the user's, or the disk behind it
         return FAILURE
     return result if isinstance(result, int) else SUCCESS
+
+
+def _interrupt_behind(error: BaseException) -> KeyboardInterrupt | None:
+    """The interrupt that an error is or comes of: a compiled library that is loaded makes an ImportError of each."""
+    while isinstance(error, ImportError) and error.__cause__ is not None:
+        error = error.__cause__
+    return error if isinstance(error, KeyboardInterrupt) else None
 
 
 def _forget_unwritten() -> None:

@@ -133,6 +133,16 @@ def app() -> App:
         raise KeyboardInterrupt
 
     @app.command
+    def interrupt_of_a_library() -> None:  # as pybind11 tells it, of a module that loads another one
+        inner = ImportError("initialization failed")
+        inner.__cause__ = KeyboardInterrupt()
+        raise ImportError("initialization failed") from inner
+
+    @app.command
+    def load() -> None:
+        raise ImportError("undefined symbol")
+
+    @app.command
     def slip() -> None:
         raise ZeroDivisionError
 
@@ -159,14 +169,16 @@ def test_wrong_usage_is_one_line_and_status_2(app: App, tokens: list[str], capsy
     assert error.count("\n") == 1
 
 
-def test_ctrl_c_ends_with_130_and_no_traceback(app: App, capsys: pytest.CaptureFixture[str]) -> None:
-    assert run_app(app, ["interrupt"]) == 130
+@pytest.mark.parametrize("command", ["interrupt", "interrupt-of-a-library"])
+def test_ctrl_c_ends_with_130_and_no_traceback(app: App, command: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run_app(app, [command]) == 130
     assert capsys.readouterr().err == ""
 
 
 def test_a_mistake_of_the_program_keeps_its_traceback(app: App) -> None:
-    with pytest.raises(ZeroDivisionError):
-        run_app(app, ["slip"])
+    for command, mistake in ("slip", ZeroDivisionError), ("load", ImportError):
+        with pytest.raises(mistake):
+            run_app(app, [command])
 
 
 @pytest.mark.parametrize("say", ["print", "out.print"])
