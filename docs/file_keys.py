@@ -27,7 +27,9 @@ PER_JOINT: Final = {
     "PerJointSigns": "signs, 1 or -1",
     "PerJointChannels": "different ADC channels, 0 to 7",
     "PerJointFlags": "of true or false",
-    "PerJointVectors": "rows of 3 numbers",
+    "PerJointLengths": "numbers from -30 to 30",
+    "PerJointMasses": "numbers from 0 to 20000",
+    "PerJointPlaces": "rows of 3 numbers from -30 to 30",
     "PerJointInertia": "rows of 3 numbers from zero",
     "Degrees": "angles in degrees",
     "JointDegrees": "angles in degrees (metres on a sliding joint)",
@@ -113,8 +115,8 @@ def _kind(alias: str, annotation: Any) -> str:
         return f"n {PER_JOINT[alias]}"
     if alias == "OneOrPerJoint":
         return "number, or n numbers"
-    if alias == "Vector":
-        return "3 numbers"
+    if alias == "Gravity":
+        return "3 numbers from -30 to 30"
     if alias == "Coupling":
         return "table of `k<motor><joint>`: the coefficients of q_j = r_j - sum over i of k_ij r_i"
     return _plain(annotation)

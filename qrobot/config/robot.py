@@ -18,25 +18,29 @@ from qrobot.config.document import Section, Table, check_document, config_path, 
 from qrobot.config.kinds import FileKind
 from qrobot.config.shape import Shape
 from qrobot.config.values import (
+    WIDEST_LINK_M,
     Coupling,
     Degrees,
+    Gravity,
     JointDegrees,
     JointDegreesPositive,
     JointKinds,
+    LinkLength,
+    Mass,
     OneOrPerJoint,
-    PerJoint,
     PerJointChannels,
     PerJointCounts,
     PerJointFlags,
     PerJointInertia,
     PerJointInts,
+    PerJointLengths,
+    PerJointMasses,
     PerJointNonzero,
     PerJointNotNegative,
+    PerJointPlaces,
     PerJointPositive,
     PerJointSigns,
-    PerJointVectors,
     RobotName,
-    Vector,
     frozen,
 )
 from qrobot.errors import ConfigError
@@ -77,12 +81,12 @@ class Geometry(Section):
 
     family: Literal["puma", "stanford", "generic"]
     alpha_rad: Degrees = Field(alias="alpha_deg")
-    a_m: PerJoint
-    d_m: PerJoint
+    a_m: PerJointLengths
+    d_m: PerJointLengths
     theta_rad: Degrees = Field(alias="theta_deg")
-    base_height_m: float = Field(ge=0, allow_inf_nan=False)
-    flange_m: float = Field(allow_inf_nan=False)
-    gravity_m_s2: Vector
+    base_height_m: LinkLength = Field(ge=0)
+    flange_m: LinkLength
+    gravity_m_s2: Gravity
 
 
 class Limits(Section):
@@ -92,7 +96,7 @@ class Limits(Section):
     q_max: JointDegrees = Field(alias="q_max_deg")
     v_max: JointDegreesPositive = Field(alias="v_max_deg_s")
     a_max: PerJointPositive
-    payload_kg: float = Field(default=0.0, ge=0, allow_inf_nan=False)
+    payload_kg: Mass = 0.0
 
     @model_validator(mode="after")
     def _range_not_empty(self) -> Limits:
@@ -184,9 +188,16 @@ class Transmission(Section):
 class Links(Section):
     """Rigid bodies: mass in kg, centre of mass in m, principal inertia about it in kg·m², axes of the link frame."""
 
-    mass: PerJointNotNegative
-    com: PerJointVectors
+    mass: PerJointMasses
+    com: PerJointPlaces
     inertia: PerJointInertia
+
+    @model_validator(mode="after")
+    def _of_bodies(self) -> Links:
+        weighs = self.mass > 0.0
+        if (self.inertia.max(axis=1)[weighs] > self.mass[weighs] * WIDEST_LINK_M**2).any():
+            raise ValueError(f"inertia must be kg m2: one of these is of a body {2 * WIDEST_LINK_M:g} m wide")
+        return self
 
 
 class Friction(Section):

@@ -22,6 +22,13 @@ from qrobot.units import RAD_PER_DEG
 
 ADC_CHANNELS = 8  # of the TRC004
 
+# What is beyond was written in another unit: millimetres, grams, millimetres in s^2. [A] wider than any arm needs.
+LONGEST_LINK_M = 30.0
+WIDEST_LINK_M = 10.0  # radius of gyration
+LONGEST_SLIDE_M = 200.0
+HEAVIEST_LINK_KG = 20_000.0
+STRONGEST_GRAVITY_M_S2 = 30.0
+
 
 @dataclass(frozen=True)
 class JointKinds:
@@ -104,11 +111,31 @@ def _degrees(value: Any, info: ValidationInfo) -> Floats:
 
 def _joint_degrees(value: Any, info: ValidationInfo) -> Floats:
     numbers = _array(value, (_n(info),), "iuf", "numbers")
+    _within(numbers[_kinds(info).prismatic], LONGEST_SLIDE_M, "m (m/s) on sliding joints")
     return frozen(np.where(_kinds(info).prismatic, numbers, numbers * RAD_PER_DEG))
 
 
 def _vector(value: Any) -> Floats:
     return frozen(_array(value, (3,), "iuf", "numbers").astype(np.float64))
+
+
+def _within(numbers: Any, most: float, unit: str) -> Any:
+    """The numbers themselves, or their number. Raises ValueError for one that is meant in another unit."""
+    if (largest := float(np.abs(numbers).max(initial=0.0))) > most:
+        raise ValueError(f"must be {unit}: {largest:g} is more than any arm has ({most:g})")
+    return numbers
+
+
+def _link_lengths(numbers: Any) -> Any:
+    return _within(numbers, LONGEST_LINK_M, "m")
+
+
+def _gravity(numbers: Any) -> Any:
+    return _within(numbers, STRONGEST_GRAVITY_M_S2, "m/s2")
+
+
+def _masses(numbers: Any) -> Any:
+    return _within(numbers, HEAVIEST_LINK_KG, "kg")
 
 
 def _integers(value: Any, info: ValidationInfo) -> Ints:
@@ -177,6 +204,11 @@ PerJointPositive = Annotated[PerJoint, AfterValidator(_positive)]
 PerJointNotNegative = Annotated[PerJoint, AfterValidator(_not_negative)]
 PerJointNonzero = Annotated[PerJoint, AfterValidator(_nonzero)]
 PerJointVectors = Annotated[Floats, PlainValidator(_numbers(3))]
+PerJointLengths = Annotated[PerJoint, AfterValidator(_link_lengths)]
+PerJointPlaces = Annotated[PerJointVectors, AfterValidator(_link_lengths)]
+PerJointMasses = Annotated[PerJointNotNegative, AfterValidator(_masses)]
+LinkLength = Annotated[float, Field(allow_inf_nan=False), AfterValidator(_link_lengths)]
+Mass = Annotated[float, Field(ge=0, allow_inf_nan=False), AfterValidator(_masses)]
 PerJointInertia = Annotated[PerJointVectors, AfterValidator(_not_negative)]
 PerJointInts = Annotated[Ints, PlainValidator(_integers)]
 PerJointCounts = Annotated[PerJointInts, AfterValidator(_positive)]
@@ -186,6 +218,6 @@ PerJointFlags = Annotated[Bools, PlainValidator(_flags)]
 Degrees = Annotated[Floats, PlainValidator(_degrees)]
 JointDegrees = Annotated[Floats, PlainValidator(_joint_degrees)]
 JointDegreesPositive = Annotated[JointDegrees, AfterValidator(_positive)]
-Vector = Annotated[Floats, PlainValidator(_vector)]
+Gravity = Annotated[Floats, PlainValidator(_vector), AfterValidator(_gravity)]
 Coupling = Annotated[Floats, PlainValidator(_coupling)]
 ExchangePeriod = Annotated[float, Field(ge=0.2, le=100, allow_inf_nan=False)]  # ms between two images over a bus

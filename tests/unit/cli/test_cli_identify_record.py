@@ -34,7 +34,7 @@ from qrobot.log.read import read_log
 from qrobot.log.record import write_log
 from qrobot.servo.memory.servo_memory import create_servo_memory, servo_info
 from qrobot.servo.memory.telemetry import Rows, TelemetryLayout, append_row
-from tests.support.patience import PATIENCE_S
+from tests.support.patience import PATIENCE_S, wait_until
 from tests.support.processes import write_deployment
 
 PUMA = load_robot("puma560")
@@ -202,12 +202,11 @@ def test_an_arm_that_would_not_be_recorded_makes_no_move(
 def test_a_recorder_that_has_ended_ends_the_moves_and_says_with_which_to_go_on(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    name, ended = f"ended{os.getpid()}", threading.Event()
-    arm = OneMove(monkeypatch, between=lambda: ended.wait(PATIENCE_S) or None)
+    name, has_ended = f"ended{os.getpid()}", lambda: "recorder" not in [each.name for each in threading.enumerate()]
+    arm = OneMove(monkeypatch, between=lambda: wait_until(has_ended, "the recorder has ended"))
 
     def die(follower: ServoFollower, _stop: threading.Event) -> None:
         follower.close()
-        ended.set()
         raise LogError("an old part cannot be removed")
 
     monkeypatch.setattr("qrobot.log.follow.follow", die)

@@ -59,6 +59,13 @@ def test_angles_arrive_in_radians_and_the_sliding_joint_in_metres() -> None:
     np.testing.assert_allclose(robot.geometry.theta_rad, np.radians([0, 0, -90, 0, 0, 0]))
 
 
+def test_the_range_of_a_sliding_joint_in_millimetres_is_refused() -> None:
+    document = tomllib.loads(robot_path("stanford").read_text())
+    document["limits"]["q_max_deg"][2] *= 1000.0
+    [mistake] = mistakes(document)
+    assert "limits.q_max_deg: must be m (m/s) on sliding joints: 1270 is more than any arm has (200)" in mistake
+
+
 def test_end_is_park_plus_the_papers_move() -> None:
     poses = load_robot("puma560").poses
     np.testing.assert_allclose(np.degrees(poses["end"] - poses["park"]), [60, -30, -50, 40, -40, 80])
@@ -182,6 +189,15 @@ def test_a_value_without_a_source_is_refused_in_every_section(document: Any, pat
         ("geometry", "a_m", [0, 0.1, 0.4318, -0.0203, 0, 0], "twists"),
         ("geometry", "a_m", [0, 0, 0, -0.0203, 0, 0], "twists"),
         ("board", "revision", "D", "'E' or 'F'"),
+        ("geometry", "a_m", [0, 0, 431.8, -20.3, 0, 0], "geometry.a_m: must be m: 431.8 is more than any arm has (30)"),
+        ("geometry", "d_m", [0, 243.5, -93.4, 433.1, 0, 0], "must be m: 433.1 is"),
+        ("geometry", "base_height_m", 660.4, "must be m: 660.4 is"),
+        ("geometry", "flange_m", -56.25, "must be m: 56.25 is"),
+        ("geometry", "gravity_m_s2", [0, 0, -9810], "must be m/s2: 9810 is more than any arm has (30)"),
+        ("limits", "payload_kg", 2.5e6, "must be kg: 2.5e+06 is"),
+        ("links", "mass", [13e6, 17.4e6, 4.8e6, 820e3, 340e3, 90e3], "must be kg: 1.74e+07 is"),
+        ("links", "com", [[0, 0, 0], [68.0, 6.0, -16.0], *[[0, 0, 0]] * 4], "must be m: 68 is"),
+        ("links", "inertia", [[0, 0, 3500.0], [1300.0, 5240.0, 5390.0], *[[9, 9, 9]] * 4], "of a body 20 m wide"),
     ],
 )
 def test_what_cannot_be_is_refused(document: Any, section: str, key: str, value: Any, says: str) -> None:
