@@ -42,6 +42,11 @@ class MailboxPort(RequestPort):
         return self._own.info.robot_name
 
     @property
+    def arm(self) -> str:
+        """An arm inside of this process has no other name."""
+        return self.robot_name
+
+    @property
     def n(self) -> int:
         """Number of joints."""
         return self._own.info.n

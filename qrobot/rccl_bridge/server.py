@@ -132,7 +132,7 @@ class _Client(asyncio.Protocol):
         self.peer = peer
         self.session = Session(
             port.robot_name, port.n, server.lease, server.settings, peer, now_ns, server.places, server.token,
-            port.judge_payload, port.judge_collision, port.judge_analog,
+            port.judge_payload, port.judge_collision, port.judge_analog, arm=port.arm,
         )  # fmt: skip
         self.transport: asyncio.Transport | None = None
         self._timer: asyncio.TimerHandle | None = None

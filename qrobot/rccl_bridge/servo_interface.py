@@ -56,6 +56,10 @@ class RobotPort(Protocol):
         """Name of the robot, as clients have to give it."""
 
     @property
+    def arm(self) -> str:
+        """Name of the arm, for people."""
+
+    @property
     def n(self) -> int:
         """Number of joints."""
 

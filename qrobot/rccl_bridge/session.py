@@ -85,6 +85,7 @@ class Session:
         judge_collision: tells why it does not take thresholds of a collision, "" when it does.
         judge_analog: tells why its analogue outputs cannot be so, "" when they can.
         shared_clock: other arms' bridges go by the same clock; False for an arm on a virtual time of its own.
+        arm: its name, for people; that of the robot where it has none.
 
     Attributes:
         label: the client in words for people.
@@ -107,12 +108,13 @@ class Session:
         judge_collision: Callable[[Collision], str] = lambda _collision: "",
         judge_analog: Callable[[AnalogOutputs], str] = lambda _analog: "",
         shared_clock: bool = True,
+        arm: str = "",
     ) -> None:
         self.label = str(peer)
         self.due_ns = now_ns + settings.handshake_ns
         self.invalid = 0
         self.left_out = 0
-        self._robot_name, self._n = robot_name, n
+        self._robot_name, self._n, self._arm = robot_name, n, arm or robot_name
         self._lease, self._settings, self._peer = lease, settings, peer
         self._places, self._token = places or Places(settings.max_clients), token
         self._connection = Connection(Side.SERVER)
@@ -220,7 +222,7 @@ class Session:
         self.label = f"{hello.program or 'a program'} at {self._peer}"
         commands = hello.role is ClientRole.COMMANDER
         if commands and not self._lease.take(self, self.label):
-            busy = f"{self._robot_name} {self._lease.refusal}"
+            busy = f"{self._arm} {self._lease.refusal}"
             return self.refuse(ErrorCode.COMMANDER_BUSY, busy, now_ns)
         if not commands and not self._places.take(self):
             full = f"this bridge serves {self._places.max_observers} observers at most, beside the commander"
@@ -323,7 +325,7 @@ class Session:
         return [SendBytes(self._connection.send(state))]
 
     def _miss_servo(self, now_ns: int, mismatch: str) -> list[Action]:
-        text = mismatch or f"the servo of {self._robot_name} does not run; this connection waits for it"
+        text = mismatch or f"the servo of {self._arm} does not run; this connection waits for it"
         if self._servo_gone == text:
             return []
         self._servo_gone = text
@@ -337,7 +339,7 @@ class Session:
             return []
         if self._frames is not None:
             self._frames.meet(powered)
-        text = f"the servo of {self._robot_name} has started anew"
+        text = f"the servo of {self._arm} has started anew"
         return [SendBytes(self._connection.send(WireError(ErrorCode.SERVO_NEW, text, False, now_ns)))]
 
     def _leave_out(self, now_ns: int, since_ns: int) -> list[Action]:

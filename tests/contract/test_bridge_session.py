@@ -80,6 +80,7 @@ class Client:
             judge_collision=port.judge_collision,
             judge_analog=port.judge_analog,
             shared_clock=shared_clock,
+            arm="left",
         )
         self.closed = ""
         self.notes: list[str] = []
@@ -493,7 +494,7 @@ def test_a_servo_that_does_not_fit_is_told_as_such_and_each_reason_once(client: 
     (other,) = client.wait(PERIOD_NS)
     assert client.wait(PERIOD_NS) == []
     assert (gone.code, gone.text) == (
-        ErrorCode.SERVO_GONE, "the servo of puma560 does not run; this connection waits for it",
+        ErrorCode.SERVO_GONE, "the servo of left does not run; this connection waits for it",
     )  # fmt: skip
     assert (other.code, other.text, other.fatal) == (ErrorCode.SERVO_GONE, client.port.mismatch, False)
     client.port.running, client.port.mismatch = True, ""
@@ -564,7 +565,7 @@ def test_a_servo_that_comes_back_moves_only_after_the_power_request_was_dropped(
     client.wait(PERIOD_NS)
     port.restart()
     new, state = client.wait(PERIOD_NS)
-    assert (new.code, new.fatal, new.text) == (ErrorCode.SERVO_NEW, False, "the servo of puma560 has started anew")
+    assert (new.code, new.fatal, new.text) == (ErrorCode.SERVO_NEW, False, "the servo of left has started anew")
     assert state.robot.mode == Mode.OFF
     client.say(replace(MOVE, seq=2))
     assert len(port.frames) == 1

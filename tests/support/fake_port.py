@@ -14,7 +14,7 @@ class FakePort:
     """Powered by the level of the frames, at each frame's position setpoints at once; stops where it stands."""
 
     def __init__(self, n: int = 6, robot_name: str = "puma560") -> None:
-        self.robot_name = robot_name
+        self.robot_name = self.arm = robot_name
         self.n = n
         self.frames: list[SetpointFrame] = []
         self.requests: list[SetpointFrame] = []

@@ -270,7 +270,7 @@ def lose_a_servo(arms: list[RunningArm], tmp_path: Path) -> None:
     """Raises StreamLostError: something came too late."""
     left, right = arms
     complaint, before, _ = lost_on_the_way(arms, tmp_path, "servo")
-    assert "the servo of puma560 does not run" in complaint
+    assert f"the servo of {left.name} does not run" in complaint
     wait_until(lambda: not left.powered, "the guardian of the left arm acts")
     right.wait_for(Mode.HOLDING)
     rows = rows_of(right, before["right"])
