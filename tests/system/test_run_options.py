@@ -356,3 +356,22 @@ def test_a_place_is_refused_before_anything_begins(here: Path, capsys: pytest.Ca
     ):
         assert run(*words, "turn.py") == 1
         assert told in " ".join(capsys.readouterr().err.split())
+
+
+@pytest.mark.parametrize(
+    ("file", "told"),
+    [
+        ("box.c", "box.c is a source: compile it with `qrobot cc box.c -o box`"),
+        ("lab.toml", "`qrobot run --deployment lab.toml PROGRAM`"),
+        ("weld.v2", "`qrobot val run weld.v2`"),
+        ("way.csv", "`qrobot replay way.csv`"),
+        ("way.parquet", "`qrobot replay way.parquet`"),
+        ("run.mcap", "`qrobot log info run.mcap`"),
+    ],
+)
+def test_of_a_file_that_is_no_program_it_is_told_what_to_do_with_it(
+    file: str, told: str, here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (here / file).write_bytes(b"")
+    assert run("--offline", file) == 1
+    assert told in capsys.readouterr().err.replace("\n", " ")
