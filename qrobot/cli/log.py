@@ -94,6 +94,7 @@ def _facts_or_error(file: Path) -> dict[str, Any]:
 
 
 def _show_facts(file: Path, facts: dict[str, Any]) -> None:
+    del facts["joint_units"]  # the errors have theirs behind them
     facts["law"] = ", then ".join(facts.pop("laws"))
     facts["events"] = _first_events(facts["events"], file)
     for error in ("max_abs_error", "rms_error"):
@@ -121,6 +122,7 @@ def _facts(log: Log) -> dict[str, Any]:
         "files": [str(path) for path in log.parts],
         "robot": header.robot,
         "joints": list(header.joint_names),
+        "joint_units": ["m" if header.is_prismatic(joint) else "rad" for joint in range(header.n)],
         "rate_hz": header.rate_hz,
         "law": header.law,
         "laws": list(log.law_names),

@@ -52,6 +52,7 @@ def test_info_as_json_has_the_numbers_of_the_log(log_file: Path, capsys: pytest.
     assert facts["rate_hz"] == 4000.0
     assert facts["cycles"] == facts["tracking_cycles"] == 400
     assert facts["max_abs_error"] == pytest.approx([2e-3] * 6)
+    assert facts["joint_units"] == ["rad"] * 6
     assert facts["duration_s"] == pytest.approx(399 / 4000)
     assert facts["complete"] is True
     assert facts["faults"][0].startswith("FOLLOWING:")
