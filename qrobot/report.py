@@ -14,6 +14,7 @@ Report: TypeAlias = Callable[[str], None]
 
 KEPT_LINES: Final = 1000  # [A] that wait to be written; what is told beyond them is lost
 LAST_LINES_S: Final = 1.0  # [A] that the end waits for what is still to be written
+_TURNS: Final = 20  # in so many parts: a process that was kept from running for all of it has its turns still to come
 
 
 class QueuedReport:
@@ -42,7 +43,8 @@ class QueuedReport:
     def close(self) -> None:
         """Wait a moment for what is still to be written; later lines are lost."""
         self._lines.put(None)
-        self._thread.join(LAST_LINES_S)
+        for _ in range(_TURNS):
+            self._thread.join(LAST_LINES_S / _TURNS)
 
     def _write(self) -> None:
         self._begin()

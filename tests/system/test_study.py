@@ -8,6 +8,7 @@ import re
 import signal
 import subprocess
 import sys
+from contextlib import suppress
 from multiprocessing import active_children
 from pathlib import Path
 
@@ -83,8 +84,10 @@ def test_workers_end_with_who_gives_them_work(tmp_path: Path, number: signal.Sig
 
 def ports_of(processes: list[int]) -> set[str]:
     """Addresses at which these processes listen, as the kernel writes them."""
-    files = [file for process in processes for file in Path(f"/proc/{process}/fd").iterdir() if file.is_symlink()]
-    held = {os.readlink(file) for file in files}
+    held = set[str]()
+    for file in [file for process in processes for file in Path(f"/proc/{process}/fd").iterdir()]:
+        with suppress(FileNotFoundError):  # closed since
+            held.add(os.readlink(file))
     tables = [Path("/proc/net/tcp"), Path("/proc/net/tcp6")]
     rows = [line.split() for table in tables if table.exists() for line in table.read_text().splitlines()[1:]]
     return {row[1] for row in rows if row[3] == LISTEN and f"socket:[{row[9]}]" in held}
