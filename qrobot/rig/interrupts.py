@@ -33,14 +33,14 @@ def interrupted_by_signals() -> Iterator[None]:
     """SIGTERM, and SIGHUP of a closed terminal, raise KeyboardInterrupt, as SIGINT does. From the main thread.
 
     Both may come together, as at the end of a session of systemd: then the second, which would tear what the first has
-    begun to take down, does not. Either that comes again does.
+    begun to take down, does not. SIGTERM that comes again does, and SIGHUP counts once: kernel and shell tell of it.
     """
     came: set[int] = set()
 
     def interrupt(number: int, frame: FrameType | None) -> None:
-        first_beside_the_other = bool(came) and number not in came
+        first_or_again = not came or (number == signal.SIGTERM and number in came)
         came.add(number)
-        if not first_beside_the_other:
+        if first_or_again:
             signal.default_int_handler(number, frame)
 
     heard = [number for number in INTERRUPTS[1:] if signal.getsignal(number) is not signal.SIG_IGN]  # as nohup does

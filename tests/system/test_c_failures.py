@@ -97,9 +97,17 @@ def test_a_terminal_that_is_closed_ends_its_program_in_order(robot, tmp_path: Pa
 
 
 @needs_compiler
-@pytest.mark.parametrize("signals", [1, 10_000])
+@pytest.mark.parametrize(
+    ("name", "signals", "status", "at_once"),
+    [
+        ("SIGINT", 1, 130, False),
+        ("SIGINT", 10_000, 130, True),
+        ("SIGTERM", 10_000, 143, True),
+        ("SIGHUP", 10_000, 129, False),  # of a terminal that is closed the kernel tells, and its shell too
+    ],
+)
 def test_a_program_waits_for_its_arm_to_come_to_rest_unless_it_is_interrupted_twice(
-    signals: int, run: Run, robot: FakeRobot, tmp_path: Path
+    name: str, signals: int, status: int, at_once: bool, run: Run, robot: FakeRobot, tmp_path: Path
 ) -> None:
     """Two signals that arrive together are one, hence many."""
     ended_before, interrupted = False, tmp_path / "interrupted"
@@ -111,7 +119,7 @@ def test_a_program_waits_for_its_arm_to_come_to_rest_unless_it_is_interrupted_tw
         nonlocal ended_before
         if robot.mode is not Mode.TRACKING or not interrupted.exists():
             return
-        if signals > 1:
+        if at_once:
             wait_until(has_ended, "the program ends before its arm rests")  # an arm that takes its time
         give_time(0.01)  # for a program that would not wait
         ended_before = ended_before or has_ended()
@@ -125,14 +133,14 @@ def test_a_program_waits_for_its_arm_to_come_to_rest_unless_it_is_interrupted_tw
         int parent = getpid(), left = %d;
         %s
         if (!fork()) {
-            while (left-- && getppid() == parent) { creat("%s", 0600); kill(parent, SIGINT); usleep(20000); }
+            while (left-- && getppid() == parent) { creat("%s", 0600); kill(parent, %s); usleep(20000); }
             _exit(0);
         }
         for (;;) pause();
     }
     """
-    assert run(text % (signals, MOVING, interrupted)) == 130
-    assert ended_before == (signals > 1)
+    assert run(text % (signals, MOVING, interrupted, name)) == status
+    assert ended_before == at_once
     assert at_rest(robot)
 
 

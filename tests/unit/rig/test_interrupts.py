@@ -40,7 +40,7 @@ def test_without_one_everything_is_as_before() -> None:
     assert [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)] == before
 
 
-def test_what_comes_together_interrupts_once_and_what_comes_again_does_again() -> None:
+def test_what_comes_together_interrupts_once_and_sigterm_that_comes_again_does_again() -> None:
     """A session that is closed may send both signals: what takes down after the first is not torn by the second."""
     taken_down = list[signal.Signals]()
 
@@ -48,16 +48,24 @@ def test_what_comes_together_interrupts_once_and_what_comes_again_does_again() -
         try:
             at_once(*numbers)
         finally:
-            take_down(numbers[-1])
-
-    def take_down(number: signal.Signals) -> None:
-        taken_down.append(number)
+            taken_down.append(numbers[-1])
 
     with default_signals(signal.SIGTERM, signal.SIGHUP), interrupted_by_signals():
-        for numbers in ((signal.SIGTERM, signal.SIGHUP), (signal.SIGTERM,), (signal.SIGHUP,)):
+        for numbers in ((signal.SIGTERM, signal.SIGHUP), (signal.SIGTERM,)):
             with pytest.raises(KeyboardInterrupt):
                 meet(*numbers)
+        meet(signal.SIGHUP)
     assert taken_down == [signal.SIGHUP, signal.SIGTERM, signal.SIGHUP]
+
+
+def test_a_terminal_that_is_closed_interrupts_once_though_kernel_and_shell_tell_of_it() -> None:
+    with default_signals(signal.SIGTERM, signal.SIGHUP), interrupted_by_signals():
+        with pytest.raises(KeyboardInterrupt):
+            signal.raise_signal(signal.SIGHUP)
+        signal.raise_signal(signal.SIGHUP)
+        signal.raise_signal(signal.SIGTERM)  # beside the other
+        with pytest.raises(KeyboardInterrupt):
+            signal.raise_signal(signal.SIGTERM)
 
 
 def test_a_process_that_was_being_started_when_ctrl_c_came_is_ended_with_the_rest(

@@ -144,10 +144,15 @@ __attribute__((constructor)) static void leave_at_exit(void)
     on_exit(leave, NULL);
 }
 
-/* SIGINT, SIGHUP, SIGTERM: the engine brings the arm to rest while we wait; a second signal ends at once. */
+/* SIGINT, SIGHUP, SIGTERM: the engine brings the arm to rest while we wait; a second signal ends at once, but SIGHUP, of
+ * which kernel and shell both tell when a terminal is closed. */
 static void on_signal(int number)
 {
+    if (owner == getpid() && number == SIGHUP && interrupts)
+        return;
     if (owner == getpid() && ++interrupts == 1) {
+        if (number == SIGHUP)
+            signal(SIGHUP, SIG_IGN); /* it interrupts nothing that the end has to ask */
         stop_tasks();
         say_now(number == SIGINT ? "\n" : "");
         say_now(program_invocation_short_name);
