@@ -393,7 +393,7 @@ def test_a_servo_that_is_away_is_a_silence_with_last_words(client: Path) -> None
 
         def tells_them() -> bool:
             status, *_, error = talk(client, address_of(bridge), patience_ms=next(patience_ms))
-            assert status == TIMEOUT
+            assert status in (TIMEOUT, REFUSED)  # such a bridge may still have the program before
             return error.endswith(last_words)
 
         wait_until(tells_them, "its last words")

@@ -30,6 +30,7 @@ class Pretence:
     def __init__(self, patch: pytest.MonkeyPatch, report: CalibrationReport | ServoFault) -> None:
         self.done: list[str] = []
         self._report = report
+        patch.setattr("qrobot.report.LAST_LINES_S", PATIENCE_S)  # the thread that writes may have no turn
         patch.setattr(ArmProcesses, "start_all", lambda _: self.done.append("start"))
         patch.setattr("qrobot.cli.calibrate.calibrate_arm", lambda *_, **__: self.calibrate())
         patch.setattr(command, "_watch", lambda *_: self.done.append("watch"))
@@ -78,6 +79,7 @@ def test_reduced_speed_is_asked_of_the_servo_and_of_nobody_else(words, tmp_path,
 @pytest.mark.parametrize("held_at", ["starting", "calibrating", "is up", "Ctrl-C ends", "stopping"])
 def test_a_terminal_that_is_held_keeps_nobody_from_ending_the_processes(held_at, tmp_path, monkeypatch) -> None:
     pretence, free = Pretence(monkeypatch, FOUND), threading.Event()
+    monkeypatch.setattr("qrobot.report.LAST_LINES_S", 0.1)
 
     def note(line: str) -> None:
         if held_at in line:
