@@ -21,6 +21,7 @@ from rich.text import Text
 from qrobot.errors import ConfigError, QRobotError
 from qrobot.extras import missing_extra
 from qrobot.printable import printable
+from qrobot.realtime.interrupt import INTERRUPTED
 from qrobot.realtime.signals import SignalledEnd
 from qrobot.whole_file import replace_file
 
@@ -29,7 +30,6 @@ PROGRAM: Final = "qrobot"
 SUCCESS: Final = 0
 FAILURE: Final = 1  # what was asked could not be done
 USAGE: Final = 2  # it was not asked properly
-INTERRUPTED: Final = 130  # 128 + SIGINT, as shells have it
 
 PIPE_COLUMNS: Final = 10_000  # what is not shown on a terminal is cut nowhere
 

@@ -13,7 +13,7 @@ import sys
 import time
 import uuid
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -21,12 +21,14 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from qrobot.config.deployment import DeployedArm, load_deployment
+from qrobot.errors import LogError
 from qrobot.faultcodes import FaultCode
 from qrobot.hwif.board_memory import attach_board_memory
 from qrobot.hwif.bus import MemoryEndpoint
 from qrobot.hwif.image import IMAGE_COUNT, IMAGE_INPUTS, make_image
 from qrobot.hwif.registers import DISCRETE_LINES, ENC_COUNT, STATUS, STATUS_POWER
 from qrobot.hwif.trace import read_trace
+from qrobot.log.read import read_log
 from qrobot.modecodes import Mode
 from qrobot.rccl.channel import Channel
 from qrobot.rccl.connect import open_channel
@@ -268,6 +270,19 @@ class RunningArm:
     def newest_log(self) -> Path:
         """The file the recorder writes."""
         return max(Path(self.arm.log.directory).glob("*.mcap"), key=lambda path: path.stat().st_mtime_ns)
+
+    def log_of_now(self) -> Path:
+        """The same, once it holds a cycle of the servo that runs: a recorder may still be ending the file before."""
+        now_ns = self.snapshot().t_ns
+
+        def holds_one() -> bool:
+            with suppress(LogError):  # it has just begun
+                rows = read_log(self.newest_log()).rows
+                return bool(rows.size and rows["t_ns"][-1] >= now_ns)
+            return False
+
+        wait_until(holds_one, "the log has come to what happens now")
+        return self.newest_log()
 
     def trace(self) -> Any:
         """DAC and DISCRETE writes the board has stamped. Shape (k, 4): t_ns, lane, offset, value."""

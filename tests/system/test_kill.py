@@ -219,8 +219,8 @@ def test_a_killed_servo_loses_torque_and_power_within_the_guardians_bound(
     arm: RunningArm, legs: Path, timid: Path
 ) -> None:
     before = arm.running()
+    log = arm.log_of_now()
     with fast_leg(arm, legs) as program:
-        log = arm.newest_log()
         arm.kill("servo")
         last_ns = arm.snapshot().t_ns
         assert_safe_by_the_boards_stamps(arm, arm.word("heartbeat", "t_ns"))
@@ -293,8 +293,8 @@ def test_a_servo_without_its_board_faults_and_takes_a_new_board_as_it_is(arm: Ru
 
 def test_a_killed_log_disturbs_nothing_and_what_it_wrote_can_be_read(arm: RunningArm, legs: Path) -> None:
     before = arm.running()
+    path = arm.log_of_now()
     with fast_leg(arm, legs):
-        path = arm.newest_log()
         arm.kill("log")
         give_time(0.2)
         assert arm.mode is Mode.TRACKING

@@ -68,9 +68,10 @@ def _counters_are_doubted(state: ServoState) -> bool:
 def compose_flags(params: ServoParameters, state: ServoState, mail: Any, now_ns: int) -> int:
     """FLAG_* of this tick."""
     status, flags = state.status, 0
+    calibrated = status & state.discrete_word & STATUS_CALIBRATED  # a board tells some cycles later what it was told
     if state.image_ok != 0 and status & STATUS_POWER != 0:
         flags |= FLAG_POWERED
-    if state.image_ok != 0 and status & STATUS_CALIBRATED != 0 and not _counters_are_doubted(state):
+    if state.image_ok != 0 and calibrated != 0 and not _counters_are_doubted(state):
         flags |= FLAG_CALIBRATED
     if status & STATUS_ESTOP_OK != 0:
         flags |= FLAG_ESTOP_OK

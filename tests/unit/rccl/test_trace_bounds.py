@@ -124,9 +124,10 @@ def test_the_end_of_a_long_run_writes_what_is_kept_and_draws_the_newest(
         return np.zeros((len(q), 3))
 
     monkeypatch.setattr(traced, "FIGURED", 40)
-    monkeypatch.setattr(traced, "path_of", path_of)
+    monkeypatch.setattr("qrobot.cli.motion_figures.path_of", path_of)
     monkeypatch.setattr(
-        traced, "save_figure", lambda figure, _path: drawn.append(len(figure.axes[0].lines[0].get_xdata()))
+        "qrobot.log.plot.save_figure",
+        lambda figure, _path: drawn.append(len(figure.axes[0].lines[0].get_xdata())),
     )
     for number in range(200):
         move(trace, 3, number)

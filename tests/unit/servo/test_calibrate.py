@@ -235,6 +235,21 @@ def test_counters_that_have_jumped_are_not_calibrated_before_the_fault_is_cleare
         rig.calibrate()
 
 
+@pytest.mark.parametrize("table", [TABLE, None])
+def test_counters_that_have_jumped_are_calibrated_in_no_cycle_after_the_fault_is_cleared(
+    table: CalibrationTable | None,
+) -> None:
+    rig = CalibratingRig(calibrated=True, table=table).powered()
+    rig.emulator.bundle.board.encoders.counter[3] += 2 * 1000
+    rig.run_for(0.1)
+    rig.mailbox.request_power(False)
+    rig.mailbox.request_clear()
+    for _ in range(100):  # the board tells some cycles later that they are not
+        rig.run_for(0.001)
+        assert not rig.seen.flags & FLAG_CALIBRATED
+    assert rig.seen.mode == Mode.OFF
+
+
 def test_power_asked_for_at_once_waits_for_the_potentiometers() -> None:
     rig = CalibratingRig(calibrated=True)
     rig.mailbox.request_power(True)
