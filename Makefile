@@ -42,7 +42,7 @@ kernels: $(VENV)/dev.stamp
 # Tests on virtual time share out the processors, file by file and in order: the longest files are not the last. Those on
 # the wall clock wait more than they compute: they run beside the others, in two rows, of which one is all on one arm, and
 # the others get what they leave of the processors. What they print comes when they are done.
-IDLE := $(BIN)/python -m tests.support.idle
+IDLE := $(shell command -v chrt >/dev/null && echo chrt --idle 0 || echo nice -n 19)
 
 unit: $(VENV)/dev.stamp
 	@$(MAKE) --no-print-directory -j 3 shared alone virtual

@@ -58,9 +58,7 @@ def open_browser() -> Iterator[Any]:
     for flag in (*FLAGS, f"--window-size={SIZE[0]},{SIZE[1]}"):
         options.add_argument(flag)
     options.set_capability("goog:loggingPrefs", {"browser": "ALL", "performance": "ALL"})
-    # A session of its own: it draws with all processors, and would take a program's share of the tests' session.
-    service = Service(shutil.which("chromedriver") or "chromedriver", popen_kw={"start_new_session": True})
-    driver = webdriver.Chrome(options, service)
+    driver = webdriver.Chrome(options, Service(shutil.which("chromedriver") or "chromedriver"))
     try:
         yield driver
     finally:
