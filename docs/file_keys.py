@@ -16,6 +16,7 @@ from tables import table
 
 from qrobot.config.deployment import Deployment
 from qrobot.config.robot import Robot
+from qrobot.config.values import HEAVIEST_LINK_KG, LONGEST_LINK_M, STRONGEST_GRAVITY_M_S2
 
 PER_JOINT: Final = {
     "PerJoint": "numbers",
@@ -27,9 +28,9 @@ PER_JOINT: Final = {
     "PerJointSigns": "signs, 1 or -1",
     "PerJointChannels": "different ADC channels, 0 to 7",
     "PerJointFlags": "of true or false",
-    "PerJointLengths": "numbers from -30 to 30",
-    "PerJointMasses": "numbers from 0 to 20000",
-    "PerJointPlaces": "rows of 3 numbers from -30 to 30",
+    "PerJointLengths": f"numbers from {-LONGEST_LINK_M:g} to {LONGEST_LINK_M:g}",
+    "PerJointMasses": f"numbers from 0 to {HEAVIEST_LINK_KG:g}",
+    "PerJointPlaces": f"rows of 3 numbers from {-LONGEST_LINK_M:g} to {LONGEST_LINK_M:g}",
     "PerJointInertia": "rows of 3 numbers from zero",
     "Degrees": "angles in degrees",
     "JointDegrees": "angles in degrees (metres on a sliding joint)",
@@ -116,7 +117,7 @@ def _kind(alias: str, annotation: Any) -> str:
     if alias == "OneOrPerJoint":
         return "number, or n numbers"
     if alias == "Gravity":
-        return "3 numbers from -30 to 30"
+        return f"3 numbers from {-STRONGEST_GRAVITY_M_S2:g} to {STRONGEST_GRAVITY_M_S2:g}"
     if alias == "Coupling":
         return "table of `k<motor><joint>`: the coefficients of q_j = r_j - sum over i of k_ij r_i"
     return _plain(annotation)

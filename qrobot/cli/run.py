@@ -37,9 +37,9 @@ NO_PROGRAMS: Final = {
     ".c": "a source: compile it with `qrobot cc {program} -o {program.stem}`, and run that",
     ".toml": "a deployment file, not a program: `qrobot run --deployment {program} PROGRAM`",
     ".v2": "a program in VAL II: `qrobot val run {program}`",
-    ".csv": "a table: `qrobot replay {program}` sends an arm setpoints",
-    ".parquet": "a table: `qrobot replay {program}` sends an arm setpoints",
-    ".mcap": "a log: look at it with `qrobot log info {program}`",
+    ".csv": "a table, not a program: `qrobot replay {program}` sends its setpoints to an arm",
+    ".parquet": "a table, not a program: `qrobot replay {program}` sends its setpoints to an arm",
+    ".mcap": "a log, not a program: look at it with `qrobot log info {program}`",
 }
 """What is given in place of a program of Python, or one that was compiled, and what to do."""
 

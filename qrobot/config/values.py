@@ -11,6 +11,7 @@ import math
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Annotated, Any
 
 import numpy as np
@@ -22,7 +23,7 @@ from qrobot.units import RAD_PER_DEG
 
 ADC_CHANNELS = 8  # of the TRC004
 
-# What is beyond was written in another unit: millimetres, grams, millimetres in s^2. [A] wider than any arm needs.
+# [A] wider than any arm needs: what is beyond was written in another unit, as millimetres and grams.
 LONGEST_LINK_M = 30.0
 WIDEST_LINK_M = 10.0  # radius of gyration
 LONGEST_SLIDE_M = 200.0
@@ -126,18 +127,6 @@ def _within(numbers: Any, most: float, unit: str) -> Any:
     return numbers
 
 
-def _link_lengths(numbers: Any) -> Any:
-    return _within(numbers, LONGEST_LINK_M, "m")
-
-
-def _gravity(numbers: Any) -> Any:
-    return _within(numbers, STRONGEST_GRAVITY_M_S2, "m/s2")
-
-
-def _masses(numbers: Any) -> Any:
-    return _within(numbers, HEAVIEST_LINK_KG, "kg")
-
-
 def _integers(value: Any, info: ValidationInfo) -> Ints:
     return frozen(_array(value, (_n(info),), "iu", "whole numbers").astype(np.int64))
 
@@ -204,11 +193,13 @@ PerJointPositive = Annotated[PerJoint, AfterValidator(_positive)]
 PerJointNotNegative = Annotated[PerJoint, AfterValidator(_not_negative)]
 PerJointNonzero = Annotated[PerJoint, AfterValidator(_nonzero)]
 PerJointVectors = Annotated[Floats, PlainValidator(_numbers(3))]
-PerJointLengths = Annotated[PerJoint, AfterValidator(_link_lengths)]
-PerJointPlaces = Annotated[PerJointVectors, AfterValidator(_link_lengths)]
-PerJointMasses = Annotated[PerJointNotNegative, AfterValidator(_masses)]
-LinkLength = Annotated[float, Field(allow_inf_nan=False), AfterValidator(_link_lengths)]
-Mass = Annotated[float, Field(ge=0, allow_inf_nan=False), AfterValidator(_masses)]
+_METRES = AfterValidator(partial(_within, most=LONGEST_LINK_M, unit="m"))
+_KILOGRAMS = AfterValidator(partial(_within, most=HEAVIEST_LINK_KG, unit="kg"))
+PerJointLengths = Annotated[PerJoint, _METRES]
+PerJointPlaces = Annotated[PerJointVectors, _METRES]
+PerJointMasses = Annotated[PerJointNotNegative, _KILOGRAMS]
+LinkLength = Annotated[float, Field(allow_inf_nan=False), _METRES]
+Mass = Annotated[float, Field(ge=0, allow_inf_nan=False), _KILOGRAMS]
 PerJointInertia = Annotated[PerJointVectors, AfterValidator(_not_negative)]
 PerJointInts = Annotated[Ints, PlainValidator(_integers)]
 PerJointCounts = Annotated[PerJointInts, AfterValidator(_positive)]
@@ -218,6 +209,7 @@ PerJointFlags = Annotated[Bools, PlainValidator(_flags)]
 Degrees = Annotated[Floats, PlainValidator(_degrees)]
 JointDegrees = Annotated[Floats, PlainValidator(_joint_degrees)]
 JointDegreesPositive = Annotated[JointDegrees, AfterValidator(_positive)]
-Gravity = Annotated[Floats, PlainValidator(_vector), AfterValidator(_gravity)]
+_ACCELERATION = AfterValidator(partial(_within, most=STRONGEST_GRAVITY_M_S2, unit="m/s2"))
+Gravity = Annotated[Floats, PlainValidator(_vector), _ACCELERATION]
 Coupling = Annotated[Floats, PlainValidator(_coupling)]
 ExchangePeriod = Annotated[float, Field(ge=0.2, le=100, allow_inf_nan=False)]  # ms between two images over a bus

@@ -7,7 +7,7 @@ import os
 import select
 import signal
 import threading
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from time import monotonic
 from types import FrameType
 from typing import Final, TypeAlias
@@ -91,6 +91,15 @@ def ending_signals() -> tuple[signal.Signals, ...]:
     return (signal.SIGTERM, signal.SIGINT, *(() if ignored else (signal.SIGHUP,)))
 
 
+def is_heeded(number: int, came: Collection[int]) -> bool:
+    """Whether SIGTERM or SIGHUP counts beside those that came before it.
+
+    SIGHUP, of a closed terminal, comes from the kernel and from the shell: it counts once, and not at all beside
+    SIGTERM, as at the end of a session of systemd. SIGTERM that comes again does.
+    """
+    return not came or (number == signal.SIGTERM and number in came)
+
+
 @contextlib.contextmanager
 def handled(handlers: Mapping[int, Handler]) -> Iterator[None]:
     """Signals have these handlers in the block, and afterwards those of before. From the main thread."""
@@ -134,9 +143,8 @@ def interrupted_by_sigterm() -> Iterator[None]:
 def ends_as_ctrl_c() -> Iterator[Callable[[], bool]]:
     """SIGTERM and SIGHUP do what SIGINT does at that moment; gives a function that tells whether one has come.
 
-    SIGHUP, of a closed terminal, comes from the kernel and from the shell: it counts once, and not at all beside
-    SIGTERM, nor where somebody, as nohup, has it ignored. Only the main thread may ask for it; in another one nothing
-    changes.
+    Which count says `is_heeded`; where somebody, as nohup, has SIGHUP ignored it does not. Only the main thread may ask
+    for it; in another one nothing changes.
 
     Raises:
         SignalledEnd: in place of the KeyboardInterrupt that came of it, and of what a closed terminal refuses to take.
@@ -147,11 +155,11 @@ def ends_as_ctrl_c() -> Iterator[Callable[[], bool]]:
     came: list[int] = []
 
     def hear(number: int, frame: FrameType | None) -> None:
-        first_or_again = not came or (number == signal.SIGTERM and number in came)
+        heeded = is_heeded(number, came)
         came.append(number)
-        if first_or_again and callable(signal.getsignal(signal.SIGINT)):
+        if heeded and callable(signal.getsignal(signal.SIGINT)):
             signal.raise_signal(signal.SIGINT)
-        elif first_or_again:  # a shell ignores Ctrl-C, and nothing else, for what a script runs in the background
+        elif heeded:  # a shell ignores Ctrl-C, and nothing else, for what a script runs in the background
             signal.default_int_handler(number, frame)
 
     try:

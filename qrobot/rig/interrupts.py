@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from types import FrameType
 from typing import Final
 
-from qrobot.realtime.signals import handled
+from qrobot.realtime.signals import handled, is_heeded
 
 INTERRUPTS: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
@@ -32,15 +32,14 @@ def interrupts_deferred() -> Iterator[None]:
 def interrupted_by_signals() -> Iterator[None]:
     """SIGTERM, and SIGHUP of a closed terminal, raise KeyboardInterrupt, as SIGINT does. From the main thread.
 
-    Both may come together, as at the end of a session of systemd: then the second, which would tear what the first has
-    begun to take down, does not. SIGTERM that comes again does, and SIGHUP counts once: kernel and shell tell of it.
+    Both may come together: one that does not count (`is_heeded`) would tear what the first has begun to take down.
     """
     came: set[int] = set()
 
     def interrupt(number: int, frame: FrameType | None) -> None:
-        first_or_again = not came or (number == signal.SIGTERM and number in came)
+        heeded = is_heeded(number, came)
         came.add(number)
-        if first_or_again:
+        if heeded:
             signal.default_int_handler(number, frame)
 
     heard = [number for number in INTERRUPTS[1:] if signal.getsignal(number) is not signal.SIG_IGN]  # as nohup does

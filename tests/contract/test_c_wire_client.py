@@ -86,14 +86,20 @@ def address_of(bridge: Bridge) -> str:
     return f"{host}:{port}"
 
 
-def ask(client: Path, *arguments: str, data: bytes = b"", bridge: str = "") -> list[str]:
-    """Lines that the program prints; whatever a sanitizer has to say fails the test."""
+def ran(client: Path, *arguments: str, data: bytes = b"", bridge: str = "") -> tuple[int, str, list[str]]:
+    """Status of the program, what it complains of, and the lines that it prints."""
     environment = os.environ | {"QROBOT_BRIDGE": bridge, "ASAN_OPTIONS": ASAN_OPTIONS}
     answer = subprocess.run(
         [client, *arguments], input=data, capture_output=True, timeout=PATIENCE_S, env=environment, check=False
     )
-    assert (answer.returncode, answer.stderr.decode()) == (0, "")
-    return answer.stdout.decode().splitlines()
+    return answer.returncode, answer.stderr.decode(), answer.stdout.decode().splitlines()
+
+
+def ask(client: Path, *arguments: str, data: bytes = b"", bridge: str = "") -> list[str]:
+    """Lines that the program prints; whatever a sanitizer has to say fails the test."""
+    status, complaint, lines = ran(client, *arguments, data=data, bridge=bridge)
+    assert (status, complaint) == (0, "")
+    return lines
 
 
 # --------------------------------------------------------------------------------------------------- the header itself
@@ -122,13 +128,12 @@ def test_the_program_of_the_page_shows_where_the_joints_are(tmp_path: Path) -> N
     source.write_text(page.split("```c\n")[1].split("```")[0])
     program = build(COMPILERS[0], source, tmp_path / "look")
     with Bridge() as bridge:
-        environment, shown = os.environ | {"QROBOT_BRIDGE": address_of(bridge)}, list[str]()
+        shown: list[str] = []
 
         def shows_them() -> bool:  # it waits for 2 s, in which a bridge may have no turn
-            ran = subprocess.run([program], capture_output=True, text=True, env=environment, check=False)
-            assert ran.returncode == 0 or "has fallen silent" in ran.stderr, ran.stderr
-            shown[:] = ran.stdout.splitlines()
-            return ran.returncode == 0
+            status, complaint, shown[:] = ran(program, bridge=address_of(bridge))
+            assert (status, complaint) == (0, "") or "has fallen silent" in complaint
+            return status == 0
 
         wait_until(shows_them, "the bridge answers")
     assert shown == [f"joint {joint} of puma560: 0.0000" for joint in range(1, 7)]

@@ -273,16 +273,17 @@ class RunningArm:
 
     def log_of_now(self) -> Path:
         """The same, once it holds a cycle of the servo that runs: a recorder may still be ending the file before."""
-        now_ns = self.snapshot().t_ns
+        now_ns, looked_at = self.snapshot().t_ns, list[Path]()
 
         def holds_one() -> bool:
+            looked_at[:] = [self.newest_log()]
             with suppress(LogError):  # it has just begun
-                rows = read_log(self.newest_log()).rows
+                rows = read_log(looked_at[0]).rows
                 return bool(rows.size and rows["t_ns"][-1] >= now_ns)
             return False
 
         wait_until(holds_one, "the log has come to what happens now")
-        return self.newest_log()
+        return looked_at[0]
 
     def trace(self) -> Any:
         """DAC and DISCRETE writes the board has stamped. Shape (k, 4): t_ns, lane, offset, value."""

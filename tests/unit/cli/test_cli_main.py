@@ -175,10 +175,10 @@ def test_ctrl_c_ends_with_130_and_no_traceback(app: App, command: str, capsys: p
     assert capsys.readouterr().err == ""
 
 
-def test_a_mistake_of_the_program_keeps_its_traceback(app: App) -> None:
-    for command, mistake in ("slip", ZeroDivisionError), ("load", ImportError):
-        with pytest.raises(mistake):
-            run_app(app, [command])
+@pytest.mark.parametrize(("command", "mistake"), [("slip", ZeroDivisionError), ("load", ImportError)])
+def test_a_mistake_of_the_program_keeps_its_traceback(app: App, command: str, mistake: type[Exception]) -> None:
+    with pytest.raises(mistake):
+        run_app(app, [command])
 
 
 @pytest.mark.parametrize("say", ["print", "out.print"])
