@@ -38,12 +38,8 @@ class Supervision:
         return ends
 
     def descriptors(self, rank: int) -> list[int]:
-        """File descriptors that a process of this rank, 0 to RANKS - 1, inherits, as SUPERVISOR_VARIABLE tells it."""
+        """File descriptors that a process of this rank, 0 to RANKS - 1, inherits and SUPERVISOR_VARIABLE names."""
         return [self._alive[0], self._ranks[rank][1], *(read for read, _ in self._ranks[rank + 1 :])]
-
-    def environment(self, rank: int) -> dict[str, str]:
-        """The variable for a process of this rank."""
-        return {SUPERVISOR_VARIABLE: ",".join(map(str, self.descriptors(rank)))}
 
     def close(self) -> None:
         """Close the pipes; processes that still run take it for the supervisor's end."""

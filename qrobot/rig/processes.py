@@ -23,11 +23,11 @@ from typing import IO
 from qrobot.errors import LinkBusy, LinkError, LinkTimeout, QRobotError
 from qrobot.hwif.board_memory import attach_board_memory
 from qrobot.realtime.file_lock import lock_alone
-from qrobot.realtime.own_process import own_command
 from qrobot.realtime.shared_memory import SharedMemory, discard_dead
 from qrobot.realtime.startup_order import TURN_VARIABLE
-from qrobot.realtime.supervised import Supervision
+from qrobot.realtime.supervised import SUPERVISOR_VARIABLE, Supervision
 from qrobot.rig.interrupts import interrupted_by_signals, interrupts_deferred, interrupts_ignored
+from qrobot.rig.process_starter import ProcessStarter, Started
 from qrobot.servo.memory.servo_memory import PLACE_LAYOUT, ServoFront, attach_servo_memory, guardian_place
 
 START_PATIENCE_S = 400.0  # a first start compiles everything, perhaps on a busy machine
@@ -61,7 +61,7 @@ class Child:
     """One supervised process."""
 
     plan: ProcessPlan
-    process: subprocess.Popen[bytes]
+    process: Started
     output: Path
     turn: IO[bytes]
     killed: bool = field(default=False)
@@ -107,14 +107,20 @@ class ProcessRig:
 
     Inside the block SIGTERM, and SIGHUP of a terminal that is closed, raise KeyboardInterrupt, as SIGINT does; while
     the processes are being ended all are ignored. Use it from the main thread.
+
+    Args:
+        directory: for their output.
+        starter: starts them, for several rigs one after the other; None for one of this rig alone.
     """
 
-    def __init__(self, directory: Path) -> None:
+    def __init__(self, directory: Path, starter: ProcessStarter | None = None) -> None:
         self.directory = directory
         self.children: dict[str, Child] = {}
         self._outputs: dict[str, IO[bytes]] = {}
         self._interrupted = contextlib.ExitStack()
         self._supervision = Supervision()
+        self._own_starter = ProcessStarter()
+        self._starter = starter or self._own_starter
         directory.mkdir(parents=True, exist_ok=True)
 
     def start(self, *plans: ProcessPlan) -> None:
@@ -132,6 +138,7 @@ class ProcessRig:
                 )
         for plan in plans:
             self._empty_output(plan)
+        self._starter.prepare()
         for plan in plans:
             with interrupts_deferred():  # one that comes in between would leave a process that nobody knows
                 self.children[plan.name] = self._spawn(plan)
@@ -170,6 +177,7 @@ class ProcessRig:
             child.end()
             discard_dead(child.name)  # of one that was killed: its memory has its name
         self._supervision.close()
+        self._own_starter.close()
         for file in self._outputs.values():
             file.close()
 
@@ -192,15 +200,8 @@ class ProcessRig:
         awaited, turn = os.pipe()
         file = self._outputs[plan.name]
         with os.fdopen(awaited):
-            process = subprocess.Popen(
-                own_command("qrobot", *plan.arguments),
-                stdin=subprocess.DEVNULL,
-                stdout=file,
-                stderr=subprocess.STDOUT,
-                start_new_session=True,
-                pass_fds=[awaited, *self._supervision.descriptors(plan.rank)],
-                env={**os.environ, TURN_VARIABLE: str(awaited), **self._supervision.environment(plan.rank)},
-            )
+            inherited = {TURN_VARIABLE: [awaited], SUPERVISOR_VARIABLE: self._supervision.descriptors(plan.rank)}
+            process = self._starter.start(plan.arguments, file, inherited)
         return Child(plan, process, Path(file.name), os.fdopen(turn, "wb", buffering=0))
 
     def __enter__(self) -> ProcessRig:

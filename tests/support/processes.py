@@ -5,6 +5,7 @@ Names and ports are fresh for every deployment, so nothing here meets an arm tha
 
 from __future__ import annotations
 
+import atexit
 import os
 import signal
 import socket
@@ -14,7 +15,7 @@ import time
 import uuid
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -35,6 +36,7 @@ from qrobot.rccl.connect import open_channel
 from qrobot.rci import TcpLink
 from qrobot.realtime.runtime_folder import runtime_path
 from qrobot.rig.deployed import ArmProcesses
+from qrobot.rig.process_starter import ProcessStarter
 from qrobot.rig.processes import ProcessRig
 from qrobot.servo.memory.mailbox import ServoMailbox
 from qrobot.servo.memory.published_state import ServoSnapshot
@@ -326,13 +328,21 @@ def events_of(rows: Rows) -> set[int]:
     return set(told[1:][np.diff(told) != 0].tolist()) - {FaultCode.NONE}
 
 
+@cache
+def shared_starter() -> ProcessStarter:
+    """Starts the processes of all tests: they import nothing."""
+    starter = ProcessStarter()
+    atexit.register(starter.close)
+    return starter
+
+
 @contextmanager
 def running_arms(
     directory: Path, arms: int = 1, period_ms: float = UNHURRIED_MS, board: str = "", name: str = "", more: str = ""
 ) -> Iterator[list[RunningArm]]:
     """All processes of so many arms, up and ready; see `write_deployment`."""
     deployment = write_deployment(directory, arms, period_ms, board, name, more)
-    with ProcessRig(directory / "processes") as rig:
+    with ProcessRig(directory / "processes", shared_starter()) as rig:
         running = [RunningArm(rig, deployment, arm) for arm in load_deployment(deployment).arm]
         for arm in running:
             arm.processes.start_all()

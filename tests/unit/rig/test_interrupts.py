@@ -12,6 +12,7 @@ import pytest
 
 from qrobot.rig.interrupts import interrupted_by_signals, interrupts_deferred
 from qrobot.rig.processes import Child, ProcessPlan, ProcessRig
+from tests.support.processes import shared_starter
 from tests.support.signals import at_once, default_signals
 
 REPORT = "import signal; print(signal.getsignal(signal.SIGTERM) == signal.SIG_DFL)"
@@ -27,7 +28,7 @@ def test_an_interrupt_comes_into_force_when_the_block_ends(tmp_path: Path, numbe
             done.append("work")
         done.append("more")
 
-    with ProcessRig(tmp_path), pytest.raises(KeyboardInterrupt):
+    with ProcessRig(tmp_path, shared_starter()), pytest.raises(KeyboardInterrupt):
         work()
     assert done == ["work"]
 
@@ -81,6 +82,6 @@ def test_a_process_that_was_being_started_when_ctrl_c_came_is_ended_with_the_res
         return child
 
     monkeypatch.setattr(ProcessRig, "_spawn", interrupted)
-    with pytest.raises(KeyboardInterrupt), ProcessRig(tmp_path) as rig:
+    with pytest.raises(KeyboardInterrupt), ProcessRig(tmp_path, shared_starter()) as rig:
         rig.start(ProcessPlan("board", ["board"], None))
     assert [process.returncode is None for process in started] == [False]

@@ -21,7 +21,7 @@ from qrobot.realtime.shared_memory import HEADER_WORDS, SharedMemory
 from qrobot.rig.deployed import require_free_port
 from qrobot.rig.processes import ProcessPlan, ProcessRig, board_ready, guardian_ready, servo_ready
 from qrobot.servo.memory.servo_memory import PLACE_LAYOUT, create_servo_memory, guardian_place
-from tests.support.processes import write_deployment
+from tests.support.processes import shared_starter, write_deployment
 
 ARM: Final = f"ready{os.getpid()}"
 
@@ -66,14 +66,14 @@ def test_what_another_process_serves_is_not_taken_for_what_was_started(
 
 def test_what_another_rig_has_begun_is_not_begun_beside_it_and_keeps_its_output(tmp_path: Path) -> None:
     plan = ProcessPlan("board", ["board", "--help"])
-    with ProcessRig(tmp_path) as first, ProcessRig(tmp_path) as second:
+    with ProcessRig(tmp_path, shared_starter()) as first, ProcessRig(tmp_path, shared_starter()) as second:
         first.start(plan)
         first.children["board"].output.write_text("its words")
         with pytest.raises(LinkBusy, match="board is not started: another process starts it"):
             second.start(plan)
         assert second.children == {}
         assert "its words" in first.children["board"].output.read_text()
-    with ProcessRig(tmp_path) as third:
+    with ProcessRig(tmp_path, shared_starter()) as third:
         third.start(plan)
 
 
@@ -84,7 +84,7 @@ def test_where_the_folder_of_the_output_knows_no_locks_processes_start_all_the_s
     def no_locks(_file: object, _operation: int) -> None:
         raise OSError(number, os.strerror(number))
 
-    with ProcessRig(tmp_path) as rig:
+    with ProcessRig(tmp_path, shared_starter()) as rig:
         monkeypatch.setattr(fcntl, "flock", no_locks)
         rig.start(ProcessPlan("board", ["board", "--help"]))
         monkeypatch.undo()
