@@ -179,10 +179,13 @@ class LockstepRig:
         return [LawInForce(t_ns, tick, *law, names) for t_ns, tick, names in self._namings]
 
     def rows(self) -> Rows:
-        """Telemetry of every cycle so far that has not been taken, oldest first."""
+        """Telemetry of every cycle so far that has not been taken, oldest first; a copy."""
+        layout = self._reader.layout
         if not self._kept:
-            return self._reader.layout.empty(0)
-        return np.concatenate(self._kept)
+            return layout.empty(0)
+        words = [rows.view(np.int64) for rows in self._kept]  # of rows NumPy would compare the fields, block by block
+        self._kept = [np.concatenate(words).view(layout.dtype)]
+        return self._kept[0].copy()
 
     def take_rows(self) -> Rows:
         """The same, once: long runs keep nothing."""
