@@ -191,13 +191,14 @@ class Trial:
     def _power_on(self) -> None:
         """Power on while somebody holds the wrist, which has no brakes."""
         rig, q = self.rig, self.rig.emulator.q.copy()
-        while Mode(rig.mailbox.snapshot().mode) is not Mode.HOLDING:
+        hand = rig.board.panel.push  # a view, taken once: Python is slow to find it
+        while rig.state.mode != Mode.HOLDING:
             assert rig.now_ns < 3 * NS_PER_S, f"no power: {rig.mailbox.snapshot()}"
             rig.mailbox.request_power(rig.now_ns > 1.5 * NS_PER_S)
             push = HAND_NM_RAD * (q - rig.emulator.q) - HAND_NM_S_RAD * rig.emulator.v
-            rig.board.panel.push[:] = (push * PANEL_MICRO).astype(np.int64)
+            hand[:] = (push * PANEL_MICRO).astype(np.int64)
             rig.ticks(1)
-        rig.board.panel.push[:] = 0
+        hand[:] = 0
         rig.run_for(POWER_S)
 
     def _fly(self, frames: int) -> None:
