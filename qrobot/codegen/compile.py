@@ -12,7 +12,7 @@ import importlib.util
 import os
 import sys
 import tempfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -63,6 +63,7 @@ def compile_function(
     in_place: Mapping[str, str] | None = None,
     cache_dir: Path | None = None,
     expressions: Mapping[str, str] = EXPRESSIONS,
+    matrices: Collection[str] = (),
 ) -> CompiledFunction:
     """Make a kernel of a CasADi function; Numba compiles it at its first call.
 
@@ -71,12 +72,13 @@ def compile_function(
         in_place: outputs that overwrite an input, as {output: input}: the step of a state.
         cache_dir: where the source goes; default the user's cache folder.
         expressions: what stands for CasADi's operations, `QUICK_EXPRESSIONS` for instance.
+        matrices: inputs that come as arrays of rows, whose elements the function has row by row.
 
     Raises:
         CodegenError: the function cannot be translated, or the folder cannot be written.
     """
     function, in_place = scalar_function(function), in_place or {}
-    source = translate(function, in_place, expressions)
+    source = translate(function, in_place, expressions, matrices)
     digest = hashlib.sha256(source.encode()).hexdigest()[:16]
     path = (cache_dir or default_cache_dir()) / f"{function.name()}_{digest}.py"
     _keep(path, source)

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import keyword
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from typing import TYPE_CHECKING
 
 from qrobot.codegen.opcodes import EXPRESSIONS, opcode_names
@@ -48,7 +48,10 @@ def scalar_function(function: casadi.Function) -> casadi.Function:
 
 
 def translate(
-    function: casadi.Function, in_place: Mapping[str, str] | None = None, expressions: Mapping[str, str] = EXPRESSIONS
+    function: casadi.Function,
+    in_place: Mapping[str, str] | None = None,
+    expressions: Mapping[str, str] = EXPRESSIONS,
+    matrices: Collection[str] = (),
 ) -> str:
     """Python source of a kernel that evaluates an SX function.
 
@@ -59,6 +62,7 @@ def translate(
         function: of scalars, see `scalar_function`.
         in_place: outputs that overwrite an input, as {output: input}.
         expressions: what stands for CasADi's operations.
+        matrices: inputs that come as arrays of rows, whose elements the function has row by row.
 
     Raises:
         CodegenError: an operation has no translation, a name is a word of Python, or an output does not fit over its
@@ -67,7 +71,7 @@ def translate(
     in_place = in_place or {}
     _check(function, in_place)
     targets = [in_place.get(name, name) for name in function.name_out()]
-    loads: list[str] = []
+    loads = [f"    {name} = {name}.reshape({name}.size)" for name in matrices]
     stores: list[str] = []
     for is_store, line in _statements(function, targets, expressions):
         (stores if is_store else loads).append(f"    {line}")

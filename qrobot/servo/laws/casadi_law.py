@@ -12,24 +12,19 @@ torques and the next memory. It may also take `robot`, the robot file, and `arm`
 from __future__ import annotations
 
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any, Final, overload
 
-from numba import njit
-
-from qrobot.codegen import CompiledFunction, compile_function
+from qrobot.codegen import compile_function
 from qrobot.codegen.laws import law_function
 from qrobot.config import Robot
 from qrobot.errors import CodegenError, ConfigError
 from qrobot.hwif.registers import N_ADCS
-from qrobot.realtime.jit import jit_disabled
 from qrobot.servo.laws.law import (
     ARGUMENTS,
     MEMORY_WORDS,
     N_GAINS,
     N_SETTINGS,
     Law,
-    LawBody,
     Setting,
     argument_names,
     checked_signals,
@@ -38,7 +33,6 @@ from qrobot.servo.memory.telemetry import N_PAYLOAD
 
 EXTRAS: Final = ("robot", "arm")
 _INPUTS: Final = ARGUMENTS[:-1]
-_MADE: Final[dict[Path, LawBody]] = {}  # by generated source: two robots of a kind share one
 
 
 class CasadiLaw:
@@ -63,12 +57,11 @@ class CasadiLaw:
         sizes |= {"sensors": N_ADCS, "payload": N_PAYLOAD, "settings": N_SETTINGS, "memory": MEMORY_WORDS, "dt": 1}
         try:
             function, in_place = law_function(name, self._build, self._names, _INPUTS, sizes, robot, N_GAINS)
-            compiled = compile_function(function, in_place)
+            body = compile_function(function, in_place, matrices=("gains",)).kernel
         except CodegenError as error:
             raise ConfigError(f"law {name}: {error}") from error
-        if compiled.path not in _MADE:
-            _MADE[compiled.path] = _body(compiled, self.__doc__)
-        return Law(_MADE[compiled.path], self._settings, signals=self._signals, compliant=self._compliant)
+        body.__doc__ = body.__doc__ or self.__doc__  # two robots of a kind share one
+        return Law(body, self._settings, signals=self._signals, compliant=self._compliant)
 
 
 @overload
@@ -94,16 +87,3 @@ def casadi_law(
     if build is None:
         return lambda function: CasadiLaw(function, settings, signals)
     return CasadiLaw(build, settings, signals)
-
-
-def _body(compiled: CompiledFunction, doc: str | None) -> LawBody:
-    kernel = compiled.kernel
-
-    def body(q_ref, v_ref, a_ref, q, v, gravity, friction, sensors, payload, gains, settings, memory, dt, tau):  # type: ignore[no-untyped-def]
-        flat = gains.reshape(gains.size)
-        kernel(q_ref, v_ref, a_ref, q, v, gravity, friction, sensors, payload, flat, settings, memory, dt, tau)
-
-    body.__doc__ = doc
-    return (
-        body if jit_disabled() else njit(nogil=True, error_model="numpy")(body)
-    )  # a cache would not see another kernel

@@ -46,6 +46,13 @@ def test_a_matrix_is_its_nonzeros_by_columns() -> None:
     assert compiled(np.array([1.0, 2.0]))[0].tolist() == [1.0, 2.0, 5.0]
 
 
+def test_elements_of_an_input_that_comes_as_rows_are_taken_row_by_row() -> None:
+    given = casadi.SX.sym("given", 6)
+    function = casadi.Function("rows", [given], [casadi.vertcat(given[1], given[3])], ["given"], ["y"])
+    compiled = compile_function(function, matrices=("given",))
+    assert compiled(np.array([[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]]))[0].tolist() == [2.0, 4.0]
+
+
 @pytest.mark.parametrize("number", [0.1, -1e-310, 1.7976931348623157e308, np.inf, -np.inf, np.nan, -3.0])
 def test_a_constant_arrives_bit_for_bit(number: float) -> None:
     compiled = compile_function(casadi.Function("constant", [], [casadi.SX(number)], [], ["c"]))

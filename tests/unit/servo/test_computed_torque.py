@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from qrobot.config import load_robot
 from qrobot.model.dynamics import dynamics_params, dynamics_work, inverse_dynamics
+from qrobot.realtime.jit import lean_kernel
 from qrobot.servo.laws import find_law
-from qrobot.servo.laws.law import KP, KV, M0
+from qrobot.servo.laws.law import KP, KV, M0, Law
 from tests.unit.servo.test_law import call
 
 ROBOT = load_robot("puma560")
@@ -54,3 +57,10 @@ def test_another_robot_has_a_law_of_its_own() -> None:
     tau, work = np.zeros(stanford.n), dynamics_work(stanford.n)
     inverse_dynamics(q, np.zeros(stanford.n), np.zeros(stanford.n), dynamics_params(stanford), work, tau)
     np.testing.assert_allclose(call(law, q_ref=q, q=q, gains=gains), tau, atol=1e-9)
+
+
+def test_another_process_finds_its_machine_code() -> None:
+    assert LAW.address
+    body: Any = lean_kernel(LAW.body.py_func)  # type: ignore[attr-defined]
+    assert Law(body).address
+    assert sum(body.stats.cache_hits.values()) == 1
