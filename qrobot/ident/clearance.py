@@ -8,6 +8,7 @@ starts the plan to keep away.
 
 from __future__ import annotations
 
+from functools import cache
 from itertools import combinations, pairwise
 from typing import Final
 
@@ -80,8 +81,7 @@ class Clearance:
 
     def of_path(self, q: Floats) -> bool:
         """Whether all of the straight ways from each of the positions (m, n) to the next are."""
-        looks = np.concatenate([_between(*both) for both in pairwise(q)])
-        return bool(self.of_poses(q).all() and self.of_poses(looks).all()) and all(
+        return bool(self.of_poses(q).all() and self.of_poses(_looks(q)).all()) and all(
             self.of_fences(*both) for both in pairwise(q)
         )
 
@@ -109,10 +109,18 @@ class Clearance:
         return np.asarray(lowest + self._geometry.base_height_m >= 0.5 * APART)
 
 
-def _between(begin: Floats, end: Floats) -> Floats:
-    """Looks at a straight way, both ends included. Shape (looks, n)."""
-    looks = 1 + int(np.ceil(np.abs(end - begin).max() / _STEP))
-    return np.asarray(begin + np.linspace(0.0, 1.0, looks + 1)[:, None] * (end - begin))
+def _looks(q: Floats) -> Floats:
+    """Looks at the straight ways from each of the positions (m, n) to the next, all ends included. Shape (looks, n)."""
+    steps = np.diff(q, axis=0)
+    counts = 2 + np.ceil(np.abs(steps).max(axis=1) / _STEP).astype(np.int64)
+    shares = np.concatenate([_shares(count) for count in counts.tolist()])
+    return np.asarray(np.repeat(q[:-1], counts, axis=0) + shares * np.repeat(steps, counts, axis=0))
+
+
+@cache
+def _shares(count: int) -> Floats:
+    """Shares of a way, both ends included. Shape (count, 1)."""
+    return np.linspace(0.0, 1.0, count)[:, None]
 
 
 def _distance(first: Floats, second: Floats) -> Floats:

@@ -13,9 +13,8 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
-from qrobot.arrays import Floats, Ints
+from qrobot.arrays import Bools, Floats, Ints
 from qrobot.errors import IdentificationError
 
 KNOWN: Final = -1  # class of rows whose deviation is all in `doubt`
@@ -76,18 +75,19 @@ def fit_linear(A: Floats, b: Floats, row_class: Ints, names: Sequence[str], doub
     known = np.zeros(len(b)) if doubt is None else doubt
     weight, scatter = np.ones(len(b)), np.full(int(row_class.max()) + 2, max(float(np.abs(b).max()), 1e-9))
     scatter[KNOWN] = 0.0
+    certain = {int(c): _certain_half(row_class == c, known) for c in np.unique(row_class[row_class != KNOWN])}
     x, residual, lengths = np.zeros(len(names)), b, np.linalg.norm(A, axis=0)
     scaled = A / lengths
     for _ in range(_PASSES):
         step, deviation = _step(scaled, residual, weight / _variance(scatter, known, row_class))
         step, deviation = step / lengths, deviation / lengths
         x, residual = x + step, residual - A @ step
-        scatter = _spread(residual, scatter, known, row_class)
+        scatter = _spread(residual, scatter, known, row_class, certain)
         off = np.abs(residual) / _deviation(scatter, known, row_class)
         weight = np.where(row_class == KNOWN, 1.0, np.minimum(1.0, HUBER / np.maximum(off, 1e-12)))
         if (np.abs(step) <= _SETTLED * deviation).all():
             break
-    scatter = _judged(A, residual, weight, row_class, scatter, known)
+    scatter = _judged(A, residual, weight, row_class, scatter, known, certain)
     information = np.sqrt(weight / _variance(scatter, known, row_class))[:, None] * A
     covariance: Floats = np.linalg.inv(information.T @ information).astype(np.float64)
     return Fit(x, covariance, scatter[:KNOWN], residual, weight, condition)
@@ -113,29 +113,36 @@ def _step(scaled: Floats, residual: Floats, weight: Floats) -> tuple[Floats, Flo
     return np.asarray(step, np.float64), np.sqrt(np.diag(np.linalg.inv(gram)))
 
 
-def _spread(residual: Floats, scatter: Floats, known: Floats, row_class: Ints) -> Floats:
-    """Standard deviation of each class with which its rows, in their own deviations, spread by 1; never nothing."""
+def _spread(residual: Floats, scatter: Floats, known: Floats, row_class: Ints, certain: dict[int, Bools]) -> Floats:
+    """Standard deviation of each class with which its `certain` rows, in their own deviations, spread by 1; never 0."""
     floor = 1e-9 * max(float(np.abs(residual).max()), 1e-9)
     in_deviations = np.abs(residual) / _deviation(scatter, known, row_class)
     found = scatter.copy()
-    for c in np.unique(row_class[row_class != KNOWN]):
-        found[c] = max(scatter[c] * _MAD * float(np.median(in_deviations[_certain_half(row_class == c, known)])), floor)
+    for c, mine in certain.items():
+        found[c] = max(scatter[c] * _MAD * float(np.median(in_deviations[mine])), floor)
     return found
 
 
-def _certain_half(mine: NDArray[np.bool_], known: Floats) -> NDArray[np.bool_]:
+def _certain_half(mine: Bools, known: Floats) -> Bools:
     """The half of the rows of a class with less doubt, and all as good: the others say little of its scatter."""
     return np.asarray(mine & (known <= np.median(known[mine])))
 
 
-def _judged(A: Floats, residual: Floats, weight: Floats, row_class: Ints, scatter: Floats, known: Floats) -> Floats:
+def _judged(
+    A: Floats,
+    residual: Floats,
+    weight: Floats,
+    row_class: Ints,
+    scatter: Floats,
+    known: Floats,
+    certain: dict[int, Bools],
+) -> Floats:
     """Standard deviation of each class, with the parameters it determines taken off its degrees of freedom."""
     variance = _variance(scatter, known, row_class)
     whitened = np.sqrt(weight / variance)[:, None] * A
     leverage = (whitened @ np.linalg.inv(whitened.T @ whitened) * whitened).sum(axis=1)
     judged = scatter.copy()
-    for c in np.unique(row_class[row_class != KNOWN]):
-        mine = _certain_half(row_class == c, known)
+    for c, mine in certain.items():
         freedom = float(weight[mine].sum() - leverage[mine].sum())
         if freedom > 1.0:
             judged[c] *= max(1e-3, np.sqrt((weight * residual**2 / variance)[mine].sum() / freedom))

@@ -43,7 +43,9 @@ class LinkLines:
     """
 
     def __init__(self, robot: Robot) -> None:
-        geometry, self._robot = robot.geometry, robot
+        geometry = self._geometry = robot.geometry
+        self._prismatic, alpha = robot.prismatic, geometry.alpha_rad
+        self._rows = np.column_stack([geometry.a_m, np.cos(alpha), np.sin(alpha)]).tolist()
         slides = [np.where(robot.prismatic, end, 0.0) for end in (robot.limits.q_min, robot.limits.q_max)]
         low, high = (geometry.d_m + slide for slide in slides)
         longest = np.maximum(np.abs(low), np.abs(high))
@@ -66,15 +68,16 @@ class LinkLines:
 
     def _corners(self, q: Floats) -> list[Floats]:
         """Begin, bend and end of the lines. Shapes (m, 3)."""
-        robot, geometry, at = self._robot, self._robot.geometry, np.zeros((len(q), 3))
+        geometry, at = self._geometry, np.zeros((len(q), 3))
         x, y, z = (np.broadcast_to(axis, at.shape) for axis in np.eye(3))
+        turn = geometry.theta_rad + np.where(self._prismatic, 0.0, q)
+        cosines, sines, along = np.cos(turn), np.sin(turn), geometry.d_m + np.where(self._prismatic, q, 0.0)
         corners = [at + self._foot, at]
-        for i, alpha in enumerate(geometry.alpha_rad.tolist()):
-            slide, turn = (q[:, [i]], 0.0) if robot.prismatic[i] else (0.0, q[:, [i]])
-            corner = at + geometry.a_m[i] * x
-            y, z = np.cos(alpha) * y + np.sin(alpha) * z, np.cos(alpha) * z - np.sin(alpha) * y
-            at = corner + (geometry.d_m[i] + slide) * z
-            cos, sin = np.cos(geometry.theta_rad[i] + turn), np.sin(geometry.theta_rad[i] + turn)
+        for i, (a, cos_alpha, sin_alpha) in enumerate(self._rows):
+            corner = at + a * x
+            y, z = cos_alpha * y + sin_alpha * z, cos_alpha * z - sin_alpha * y
+            at = corner + along[:, i : i + 1] * z
+            cos, sin = cosines[:, i : i + 1], sines[:, i : i + 1]
             x, y = cos * x + sin * y, cos * y - sin * x
             corners += [corner, at]
         return [*corners, at + (geometry.flange_m + HAND_M) * z]

@@ -48,6 +48,8 @@ def fit_scaled(unknowns: Unknowns, observations: Observations, load_kg: float | 
 
 def inertia_errors(unknowns: Unknowns, observations: Observations, load_kg: float | None = None) -> Floats:
     """Errors of inertia, in likely ones, as a fit of the observations finds them. Shape (i,)."""
+    if not observations.inertia.shape[1]:
+        return np.zeros(0)
     return _fit_with_inertia(unknowns, observations, load_kg).values[len(unknowns.start()) :]
 
 

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import lru_cache
 from typing import Final
 
 import numpy as np
@@ -150,10 +151,15 @@ def _chance(directions: Floats, residual: Floats, swing: Ints) -> float:
     each = directions * residual[: len(swing), None]
     by_swing = np.stack([np.bincount(swing, column) for column in each.T], axis=1)
     by_swing = by_swing[np.abs(by_swing).any(axis=1)]
-    signs = np.random.default_rng(0).choice((-1.0, 1.0), size=(_DRAWS, len(by_swing)))
-    by_chance = ((signs @ by_swing) ** 2).sum(axis=1)
+    by_chance = ((_signs(len(by_swing)) @ by_swing) ** 2).sum(axis=1)
     as_it_is = float((by_swing.sum(axis=0) ** 2).sum())
     return float((1.0 + int(np.count_nonzero(by_chance >= as_it_is))) / (1.0 + _DRAWS))
+
+
+@lru_cache(maxsize=2)  # of a motor, whose terms are tried one after the other: of 100 swings they take 3 MB
+def _signs(swings: int) -> Floats:
+    """Random signs of swings, the same each time. Shape (_DRAWS, swings)."""
+    return np.random.default_rng(0).choice((-1.0, 1.0), size=(_DRAWS, swings))
 
 
 def _deviations(seen: Observations, left: WhitenedFit, columns: Floats, owner: Ints) -> Floats:
