@@ -26,14 +26,15 @@ READY = "ready = [0, -90, 90, 0, 0, 0]"
 
 
 @cache
-def regressor_and_base() -> tuple[Regressor, BaseParameters]:
-    regressor = inertial_regressor(PUMA)
-    return regressor, base_of_robot(PUMA, regressor)
+def regressor_and_base(name: str = "puma560") -> tuple[Regressor, BaseParameters]:
+    robot = load_robot(name)
+    regressor = inertial_regressor(robot)
+    return regressor, base_of_robot(robot, regressor)
 
 
 @cache
-def excitation(seed: int = 0) -> Excitation:
-    return make_excitation(PUMA, *regressor_and_base(), FEWEST, seed)
+def excitation(seed: int = 0, name: str = "puma560") -> Excitation:
+    return make_excitation(load_robot(name), *regressor_and_base(name), FEWEST, seed)
 
 
 def any_motion(seed: int = 1) -> Fourier:
@@ -85,9 +86,8 @@ def test_every_run_is_clear_all_along_and_so_is_the_way_to_it() -> None:
 def test_the_way_between_ready_and_every_run_is_clear(name: str) -> None:
     """The first run is gone to from there, any by --first N, and the arm goes back there after the last."""
     robot = load_robot(name)
-    regressor = inertial_regressor(robot)
     for seed in range(2):
-        runs = make_excitation(robot, regressor, base_of_robot(robot, regressor), RUNS, seed).runs
+        runs = excitation(seed, name).runs
         assert all(Clearance(robot).of_way(robot.poses["ready"], run.motion.start) for run in runs), seed
 
 

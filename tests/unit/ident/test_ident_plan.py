@@ -34,6 +34,12 @@ def plan(name: str, seed: int = 0) -> ExcitationPlan:
     return make_plan(*base(name), poses=12, seed=seed)
 
 
+@cache
+def whole_plan(name: str, seed: int = 0) -> ExcitationPlan:
+    """With as many poses as one has, and slow sweeps."""
+    return make_plan(*base(name), seed=seed, slow=True)
+
+
 @ROBOTS
 def test_a_plan_stays_within_range_speed_and_acceleration(name: str) -> None:
     limits = load_robot(name).limits
@@ -55,6 +61,13 @@ def with_range(name: str, joint: int, share: float) -> Robot:
     return robot.model_copy(update={"limits": limits.model_copy(update=ends)})
 
 
+@pytest.fixture
+def few_candidates(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A tenth of the poses to choose from, where it is not the choice that is looked at: all are drawn alike."""
+    monkeypatch.setattr("qrobot.ident.plan._CANDIDATES", 25)
+
+
+@pytest.mark.usefixtures("few_candidates")
 @pytest.mark.parametrize("share", [0.01, 0.05, 0.3])
 @pytest.mark.parametrize(("name", "joint"), [("puma560", 0), ("puma560", 2), ("puma560", 5), ("stanford", 2)])
 def test_a_joint_that_is_fast_for_its_range_swings_within_it(name: str, joint: int, share: float) -> None:
@@ -82,6 +95,7 @@ def lying(gravity: float) -> Robot:
     return PUMA.model_copy(update={"geometry": geometry})
 
 
+@pytest.mark.usefixtures("few_candidates")
 @pytest.mark.parametrize("gravity", [0.0, 1e-6])
 def test_an_arm_no_joint_of_which_bears_weight_has_a_plan_for_its_friction(gravity: float) -> None:
     robot = lying(gravity)
@@ -108,7 +122,7 @@ def test_the_way_between_ready_and_every_swing_is_clear(name: str) -> None:
     """The first swing is gone to from there, any by --first N, and the arm goes back there after the last."""
     robot = load_robot(name)
     clearance = Clearance(robot)
-    swings = [swing for seed in range(2) for swing in make_plan(*base(name), seed=seed, slow=True).swings]
+    swings = [swing for seed in range(2) for swing in whole_plan(name, seed).swings]
     assert all(clearance.of_path(np.stack([robot.poses["ready"], swing.low, swing.high])) for swing in swings)
 
 
@@ -164,7 +178,7 @@ def test_the_plan_of_a_puma_is_well_conditioned_and_takes_minutes() -> None:
 
 def test_all_that_identification_records_takes_less_than_ten_minutes() -> None:
     """Swings and sweeps, slow ones among them, and the runs for inertia with ways between them as long as they are."""
-    assert make_plan(*base("puma560"), slow=True).seconds + 2.0 * RUNS * RUN_S < 600.0
+    assert whole_plan("puma560").seconds + 2.0 * RUNS * RUN_S < 600.0
 
 
 def test_too_few_poses_are_refused() -> None:
