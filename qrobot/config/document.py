@@ -75,11 +75,15 @@ def read_document(path: Path) -> dict[str, Any]:
     Raises:
         ConfigError: it cannot be read or is not TOML; says where.
     """
+    return parse_document(read_content(path), str(path))
+
+
+def read_content(path: Path) -> bytes:
+    """Read a file. Raises ConfigError: it cannot be read."""
     try:
-        content = path.read_bytes()
+        return path.read_bytes()
     except OSError as error:
         raise ConfigError(f"{path}: {error}") from error
-    return parse_document(content, str(path))
 
 
 def parse_document(content: bytes, label: str) -> dict[str, Any]:

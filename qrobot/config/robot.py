@@ -7,6 +7,7 @@ rad for a revolute joint and m for a prismatic one. Nothing here assumes six joi
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, Literal
 
@@ -14,7 +15,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from qrobot.arrays import Bools, Floats, Ints
-from qrobot.config.document import Section, Table, check_document, config_path, read_document
+from qrobot.config.document import Section, Table, check_document, config_path, parse_document, read_content
 from qrobot.config.kinds import FileKind
 from qrobot.config.shape import Shape
 from qrobot.config.values import (
@@ -404,7 +405,13 @@ def load_robot(name_or_path: str | Path) -> Robot:
         ConfigError: no such file, or every mistake in it with its path in the file.
     """
     path = robot_path(name_or_path)
-    return robot_of(read_document(path), str(path))
+    return _robot_in(read_content(path), str(path))
+
+
+@lru_cache(maxsize=16)
+def _robot_in(content: bytes, label: str) -> Robot:
+    """The robot of a file's content, made once: nobody can change it, and a program asks for its arms' often."""
+    return robot_of(parse_document(content, label), label)
 
 
 def robot_of(document: dict[str, Any], label: str) -> Robot:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Final
+from weakref import WeakValueDictionary
 
 from qrobot.config import Robot, load_robot
 from qrobot.errors import ConfigError
@@ -19,6 +21,9 @@ from qrobot.rci.descriptor import HOST
 from qrobot.rci.link import check_welcome
 from qrobot.rci.processor_names import cpu_of
 from qrobot.realtime.interpreter import prepare_interpreter
+
+_compiled: Final = WeakValueDictionary[tuple[int, Blend], Robot]()
+"""Robots that `compile_all` has moved, by their identity and the blend: programs take an arm again and again."""
 
 
 def open_channel(
@@ -84,10 +89,13 @@ def compile_motion(robot: str) -> None:
 
 
 def compile_all(robot: Robot, blend: Blend) -> None:
-    """Compile what moves `robot` by this blend: no sample may wait for the compiler."""
+    """Compile what moves `robot` by this blend, once: no sample may wait for the compiler."""
+    if (id(robot), blend) in _compiled:
+        return
     _warm_up_joints(robot, blend)
     if (kinematics := kinematics_of(Arm(robot))) is not None:
         warm_up_cartesian(motion_limits(robot), kinematics, robot.poses["park"], blend)
+    _compiled[id(robot), blend] = robot
 
 
 def _warm_up_joints(robot: Robot, blend: Blend) -> None:

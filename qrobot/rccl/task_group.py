@@ -180,9 +180,10 @@ class TaskGroup:
         """All that carries an arm: nothing, unless it stays with a goal."""
         if (goal := task.followed) is None:
             return Carriers(frames=False, arms=(), itself=False)
-        frames = [trsf for trsf in goal.moving if trsf in self.frames]
-        arms = {trsf: arm for trsf, arm in self.arms.items() if trsf in goal.moving and arm in self._tasks}
-        others = [trsf for trsf in goal.moving if trsf not in self.frames and trsf not in arms]
+        moving = goal.moving
+        frames = [trsf for trsf in moving if trsf in self.frames]
+        arms = {trsf: arm for trsf, arm in self.arms.items() if trsf in moving and arm in self._tasks}
+        others = [trsf for trsf in moving if trsf not in self.frames and trsf not in arms]
         return Carriers(frames != [], tuple(arms.values()), others != [] or goal.compliance is not None)
 
     def _leaders(self, task: TrajectoryTask) -> list[TrajectoryTask]:
@@ -206,8 +207,10 @@ class TaskGroup:
 
     def _under_way(self, task: TrajectoryTask) -> bool:
         """True while what carries an arm is on its way to where it rests: a frame, or another arm on its own path."""
+        if task.followed is None:  # nothing carries it: nearly always, and asked at each sample
+            return False
         led = any(leader.moves and leader.followed is None for leader in self._leaders(task))
-        return led or (self._by_frames(task) and not self.rests)
+        return led or (not self.rests and self._by_frames(task))
 
     def _led(self, task: TrajectoryTask) -> bool:
         """The same, or the newest setpoints still tell of it."""
