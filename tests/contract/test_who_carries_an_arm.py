@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from functools import partial
+from functools import cache, partial
 from itertools import count
 from typing import Final
 
@@ -44,6 +44,8 @@ from qrobot.wire import Command, Hello, JointMode, State
 HERE = gentr_rpy("HERE", 500, 0, 0, 0, 170, 0)
 THERE = gentr_rpy("THERE", 500, 60, 120, 0, 180, 0)
 APART = gentr_trsl("APART", 0, -100, 0)
+START: Final = np.radians([-20.0, -57.0, 205.0, 10.0, 22.0, -27.0])
+"""Where all arms stand at first: a little way from HERE."""
 ORDERS: Final = (("right", "left", "third"), ("third", "left", "right"))
 """In which arms are taken, and let go of at the end of the program."""
 GOAL_DEG: Final = [40.0, -50.0, 175.0, 30.0, 45.0, 20.0]
@@ -88,12 +90,13 @@ class Cell:
                 assert len(sent) < ENDLESS
                 return state
 
-        return Way(hello)
+        return Way(hello, start=START)
 
     def open(self) -> None:
         """Take the arms, and put the frame HERE."""
         self.obj = rccl_open("OBJECT_FRAME")
         rccl_control(self.obj)
+        setime(self.obj, 200.0, 700.0)
         move(self.obj, make_position(TRANS, EQ, HERE, TL, TRANS))
         arms = {name: arm for name in self.order if isinstance(arm := rccl_open(name), RobotManip)}
         self.right, self.left, self.third = arms["right"], arms["left"], arms["third"]
@@ -280,7 +283,7 @@ def loses_an_arm(cell: Cell) -> None:
         wait_as(lambda: False)
     with suppress(LinkLost):
         rccl_release(cell.third)
-    cell.pass_samples(4 * AT_ONCE)
+    cell.pass_samples(2 * AT_ONCE)
 
 
 Carried = Callable[[Cell], None]
@@ -289,6 +292,7 @@ ENDS: Final = (is_released, ends_well, ends_badly, loses_an_arm)
 BAD_ENDS: Final = (ends_badly, loses_an_arm)
 
 
+@cache
 def run(carried: Carried, end: End, order: tuple[str, ...] = ORDERS[0], after: int = UNDER_WAY) -> tuple[Cell, int]:
     """A program, and the number of samples of the right arm before its end."""
     cell, begun = Cell(order), 0
