@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from itertools import pairwise
-from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -18,15 +17,13 @@ from numpy.typing import NDArray
 from qrobot.arrays import Floats
 from qrobot.config import Robot, load_robot
 from qrobot.faultcodes import FaultCode
-from qrobot.hwif.board_memory import LANE_CAPACITY, Lane, local_board_memory, publish_image
+from qrobot.hwif.board_memory import LANE_CAPACITY, Lane, local_board_memory
 from qrobot.hwif.image import (
     IMAGE_COUNT,
-    IMAGE_ENC_COUNT,
     IMAGE_STATUS,
     IMAGE_T_NS,
     make_image,
 )
-from qrobot.hwif.lanes import take_operation
 from qrobot.hwif.operations import OP_ANALOG, OP_FIELDS, OP_OUTPUTS, OP_REFERENCE
 from qrobot.hwif.registers import (
     DAC,
@@ -39,9 +36,6 @@ from qrobot.hwif.registers import (
     STATUS_POWER,
 )
 from qrobot.modecodes import Mode
-from qrobot.model.transmission import joint_to_counts, transmission_params
-from qrobot.realtime.flat_record import block_of
-from qrobot.realtime.jit import jit_disabled, lean_kernel
 from qrobot.realtime.structure import view_words
 from qrobot.servo.analog_lines import AnalogWire
 from qrobot.servo.laws import find_law
@@ -53,59 +47,22 @@ from qrobot.servo.memory.telemetry import Rows, TelemetryLayout
 from qrobot.servo.modes import gives_torque
 from qrobot.servo.output_lines import OutputWire
 from qrobot.servo.parameters import servo_parameters
-from qrobot.servo.process.loop import one_cycle
 from qrobot.servo.settings import COUNTED_ONLY, Overrun, ServoSettings
 from qrobot.servo.state import make_state
+from tests.support.bench_blocks import (
+    callable_block,
+    cycle_of_blocks,
+    in_python,
+    mode_of,
+    publish_arm,
+    take_lanes,
+    word_of,
+)
 
 START_NS = 1_000_000_000
-SHARED_KINDS = ("row", "frame")  # records that are copied into shared memory as they are
 RING_ROWS = 16
 FRAME_NS = 28_000_000
-FIRST_COUNTER = IMAGE_ENC_COUNT
-WORD_MASK = 0xFFFF
 LANES = tuple(Lane)
-
-
-@lean_kernel
-def cycle_of_blocks(params: Any, state: Any, mail: Any, ring: Any, board: Any, now_ns: int) -> None:
-    """`one_cycle` for a call from Python, where records come as blocks, thirty times as fast."""
-    one_cycle(params[0], state[0], mail[0], ring, board[0], now_ns, 0)
-
-
-@lean_kernel
-def publish_in_block(board: Any, image: Any) -> None:
-    """`publish_image` for a call from Python."""
-    publish_image(board[0], image)
-
-
-@lean_kernel
-def take_lanes(board: Any, operations: Any, taken: Any) -> None:
-    """Take all that was posted to the lanes of a block; how many of each. Shapes (lanes, k, OP_FIELDS), (lanes,)."""
-    for lane in range(taken.size):
-        taken[lane] = 0
-        while taken[lane] < operations.shape[1] and take_operation(board[0], lane, operations[lane, taken[lane]]):
-            taken[lane] += 1
-
-
-def callable_block(record: Any) -> Any:
-    """A block for `cycle_of_blocks`."""
-    return [record] if jit_disabled() else block_of(record)
-
-
-def in_python(record: Any) -> Any:
-    """The record itself; without the JIT its fields in a namespace, for Python finds those of a record slowly."""
-    return views_of(record) if jit_disabled() else record
-
-
-def views_of(record: Any) -> SimpleNamespace:
-    """The fields of a record by name: its arrays themselves, and its numbers as they are."""
-    fields = {name: getattr(record, name) for name in record.dtype.names}
-    return SimpleNamespace(
-        **{
-            name: views_of(field) if isinstance(field, np.record) and name not in SHARED_KINDS else field
-            for name, field in fields.items()
-        }
-    )
 
 
 class Write(NamedTuple):
@@ -202,14 +159,24 @@ class ServoBench:
         self.discrete = -1
         self._image = make_image()
         self._rows: list[NDArray[np.int64]] = []
-        self._transmission = transmission_params(self.robot)
-        self._counts = np.zeros(n, dtype=np.int64)
+        self._counts, self._no_slip = np.zeros((2, n), dtype=np.int64)
         self._operations = np.zeros((len(Lane), LANE_CAPACITY, OP_FIELDS), dtype=np.int64)
         self._taken = np.zeros(len(Lane), dtype=np.int64)
         self._blocks = callable_block(in_python(self.params)), callable_block(self.state)
         # Views, taken once: to find a field of a record by its name takes Python longer than a cycle takes.
         self._row, self._q_ref = view_words(self.state.row), self.state.q_ref
+        self._mail_block = callable_block(self.mail)
+        self._heartbeat, self._mode = word_of(self.mail.guardian, "t_ns"), mode_of(self.state)
         self._published = self.mailbox.memory.published.state
+
+    @property
+    def board(self) -> Any:
+        """The memory of its board."""
+        return self._board
+
+    @board.setter
+    def board(self, board: Any) -> None:
+        self._board, self._board_block = board, callable_block(board)
 
     @property
     def law(self) -> Law:
@@ -232,13 +199,12 @@ class ServoBench:
             if not self.frozen:
                 self._publish()
             if self.beating:
-                self.mail.guardian.t_ns = self.now_ns
+                self._heartbeat[0] = self.now_ns
             params, state = self._blocks
-            mail, board = callable_block(self.mail), callable_block(self.board)
-            cycle_of_blocks(params, state, mail, self.mailbox.ring, board, self.now_ns)
+            cycle_of_blocks(params, state, self._mail_block, self.mailbox.ring, self._board_block, self.now_ns)
             self._rows.append(self._row.copy())
             self.collect()
-            if self.follows and gives_torque(int(self.state.mode)):
+            if self.follows and gives_torque(int(self._mode[0])):
                 self.q = self._q_ref.copy()
             self.now_ns += self.settings.period_ns
         return self
@@ -277,26 +243,26 @@ class ServoBench:
         """The board applies what was posted, lane by lane."""
         if self.deaf:
             return
-        take_lanes(callable_block(self.board), self._operations, self._taken)
-        for lane, taken, operations in zip(LANES, self._taken.tolist(), self._operations, strict=True):
-            for kind, offset, value in operations[:taken].tolist():
-                self._apply(lane, kind, offset, value)
+        take_lanes(self._board_block, self._operations, self._taken)
+        for lane, taken in zip(LANES, self._taken.tolist(), strict=True):
+            if taken:
+                self._apply(lane, self._operations[lane, :taken].tolist())
 
-    def _apply(self, lane: Lane, kind: int, offset: int, value: int) -> None:
-        if kind == OP_REFERENCE:
-            self.references[offset] = value
-            return
-        if kind == OP_OUTPUTS:
-            self.outputs.append(value)
-            return
-        if kind == OP_ANALOG:
-            self.analog[offset] = value
-            return
-        self.writes.append(Write(self.now_ns, lane, offset, value))
-        if offset == DISCRETE:
-            self.discrete = value
-        elif offset >= DAC:
-            self.dac[(offset - DAC) // 2] = value
+    def _apply(self, lane: Lane, operations: list[tuple[int, int, int]]) -> None:
+        now_ns, writes, dac = self.now_ns, self.writes, self.dac
+        for kind, offset, value in operations:
+            if kind == OP_REFERENCE:
+                self.references[offset] = value
+            elif kind == OP_OUTPUTS:
+                self.outputs.append(value)
+            elif kind == OP_ANALOG:
+                self.analog[offset] = value
+            else:
+                writes.append(Write(now_ns, lane, offset, value))
+                if offset == DISCRETE:
+                    self.discrete = value
+                elif offset >= DAC:
+                    dac[(offset - DAC) // 2] = value
 
     # --------------------------------------------------------------------------------------------- looking at it
 
@@ -344,15 +310,16 @@ class ServoBench:
         return power | STATUS_ESTOP_OK * self.estop_ok | STATUS_CALIBRATED * self.calibrated
 
     def _publish(self) -> None:
-        image, counts = self._image, self._counts
+        image = self._image
         image[IMAGE_T_NS] = self.now_ns - self.behind_ns
         image[IMAGE_COUNT] += 1
         image[IMAGE_STATUS] = self._status()
-        joint_to_counts(self.q, self._transmission, counts)
-        for joint, slipped in self.slip.items():
-            counts[joint] += slipped
-        image[FIRST_COUNTER : FIRST_COUNTER + counts.size] = counts & WORD_MASK
-        publish_in_block(callable_block(self.board), image)
+        slip = self._no_slip
+        if self.slip:
+            slip = slip.copy()
+            for joint, slipped in self.slip.items():
+                slip[joint] = slipped
+        publish_arm(self._blocks[0], self._board_block, self.q, slip, self._counts, image)
 
 
 def writes_at(bench: ServoBench, t_ns: int) -> list[tuple[int, int]]:
