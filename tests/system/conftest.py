@@ -48,3 +48,9 @@ def own_cache() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("XDG_CACHE_HOME", str(C_CACHE))
         yield
+
+
+@pytest.fixture
+def unpainted(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The figures of a run are files without a picture: both take a second to paint, and `test_offline` looks at them."""
+    monkeypatch.setattr("qrobot.log.plot.save_figure", lambda _figure, path: path.write_bytes(b""))
