@@ -85,7 +85,7 @@ def holding(way: str) -> DyingBench:
 
 def tracking(way: str) -> DyingBench:
     bench = DyingBench(way)
-    moving(bench, seconds=0.15)
+    moving(bench, seconds=0.1)
     return bench
 
 
@@ -145,7 +145,7 @@ def test_a_servo_that_dies_where_a_category_1_stop_ends_in_fault(way: str) -> No
     strict = Overrun(misses_in_a_row=3, late_share=1.0, window_s=1.0)
     trial, bench = DyingBench(overrun=strict), DyingBench(way, overrun=strict)
     for each in (trial, bench):
-        moving(each, seconds=0.15)
+        moving(each, seconds=0.1)
         late(each)
         assert each.mode is Mode.STOPPING
     ticks = trial.until(lambda: trial.mode is Mode.FAULT)

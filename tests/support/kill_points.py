@@ -10,7 +10,7 @@ from __future__ import annotations
 import copy
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Any, ClassVar, Final
+from typing import Any
 
 import numpy as np
 
@@ -34,11 +34,11 @@ from qrobot.hwif.isa.card import (
 from qrobot.hwif.lanes import take_operation
 from qrobot.hwif.operations import OP_FIELDS, OP_WRITE
 from qrobot.hwif.registers import DAC, DAC_ZERO, DISCRETE, DISCRETE_POWER, N_DACS, N_INPUT_WORDS
-from qrobot.realtime.structure import view_words
 from qrobot.servo.modes import gives_torque
 from qrobot.servo.process.guardian import LOOKS_PER_TIMEOUT, N_OWN, N_SAFE_OPS, look
 from qrobot.servo.process.loop import one_cycle
 from tests.support.servo_bench import ServoBench
+from tests.support.telling_memory import Copier, Follower, Shared, SharedRecord, shared
 
 TIMEOUT_NS = 5_000_000
 LOOK_NS = TIMEOUT_NS // LOOKS_PER_TIMEOUT
@@ -48,88 +48,6 @@ BOARD_NS = 1_000_000  # one period of a gateway, the slowest board here
 BOUND_NS = TIMEOUT_NS + LOOK_NS + BOARD_NS
 WATCHED_NS = 12_000_000
 NO_CARD_WORDS = make_card(NO_CARD)
-
-
-class Shared(np.ndarray[Any, np.dtype[np.int64]]):
-    """Words that others see; `stored` is called after each store, while it is set."""
-
-    stored: Callable[[], None] | None = None
-
-    def __setitem__(self, key: Any, value: Any) -> None:
-        super().__setitem__(key, value)
-        if self.stored is not None:
-            self.stored()
-
-
-class QuickRecord(np.record):
-    """A record that knows its fields first: NumPy's tries every name as an attribute and catches the error."""
-
-    def __getattribute__(self, name: str) -> Any:
-        fields: Any = _DTYPE(self).fields
-        if name not in fields:
-            return super().__getattribute__(name)
-        found = _ITEM(self, name)
-        block = fields[name][0].base
-        return found if block.names is None else found.view((type(self), block))
-
-    def __setattr__(self, name: str, value: Any) -> None:
-        _SET_ITEM(self, name, value)
-
-
-_DTYPE: Final[Callable[[Any], np.dtype[Any]]] = np.void.dtype.__get__
-_ITEM: Final[Callable[[Any, str], Any]] = np.void.__getitem__
-_SET_ITEM: Final[Callable[[Any, str, Any], None]] = np.void.__setitem__
-
-
-class SharedRecord(QuickRecord):
-    """A record that others see, and its parts; `told` is called after each store, while it is set."""
-
-    told: ClassVar[Callable[[], None] | None] = None
-
-    def __getattribute__(self, name: str) -> Any:
-        found = super().__getattribute__(name)
-        plain = isinstance(found, np.ndarray) and found.dtype.names is None
-        return found.view(SharedField) if plain else found
-
-    def __setattr__(self, name: str, value: Any) -> None:
-        super().__setattr__(name, value)
-        tell()
-
-    def __setitem__(self, name: Any, value: Any) -> None:
-        super().__setitem__(name, value)
-        tell()
-
-
-class SharedField(np.ndarray[Any, np.dtype[np.int64]]):
-    """An array in such a record."""
-
-    def __setitem__(self, key: Any, value: Any) -> None:
-        super().__setitem__(key, value)
-        tell()
-
-
-def tell() -> None:
-    """Call whoever wants to know of a store."""
-    if SharedRecord.told is not None:
-        SharedRecord.told()
-
-
-def shared(record: Any) -> Any:
-    """The same memory as a record that tells of stores."""
-    return view_words(record).view(np.dtype((SharedRecord, record.dtype)))[0]
-
-
-class Copier:
-    """Copies records of one kind, which tell nobody, into the same memory: new memory costs more than the copying."""
-
-    def __init__(self, record: Any) -> None:
-        self._words = np.zeros_like(view_words(record))
-        self._record: Any = self._words.view(np.dtype((QuickRecord, record.dtype)))[0]
-
-    def copied(self, record: Any) -> Any:
-        """A copy, which lasts until the next one."""
-        np.copyto(self._words, view_words(record))
-        return self._record
 
 
 class Registers:
@@ -149,9 +67,9 @@ class Registers:
         return not self.discrete & DISCRETE_POWER and self.dac == [DAC_ZERO] * N_DACS
 
 
-def posts(board: Any) -> bytes:
+def posts(board: Any) -> list[tuple[int, int]]:
     """What the lanes of a board say of operations that were posted, or forgotten, so far."""
-    return board.lanes["head"].tobytes() + board.lanes["forget"].tobytes()
+    return [(lane.head, lane.forget) for lane in board.lanes]
 
 
 class MemoryWay:
@@ -160,7 +78,7 @@ class MemoryWay:
     def __init__(self) -> None:
         self.registers, self._operation = Registers(), np.zeros(OP_FIELDS, np.int64)
         self.told: list[Shared] = []
-        self._posted = b""
+        self._posted: list[tuple[int, int]] = []
 
     def before_cycle(self, bench: DyingBench) -> None:
         bench.publish()
@@ -273,7 +191,7 @@ class GatewayWay(MemoryWay):
         bench.compose_image()
         self.bus.image[:] = bench.whole_image
         if self._gateway is None:
-            self._gateway = Gateway(self.bus, bench.board, BOARD_NS)
+            self._gateway = Gateway(self.bus, bench.plain_board, BOARD_NS)
             self._gateway.step(bench.now_ns)
         self._gateway.step(bench.now_ns)
 
@@ -307,10 +225,21 @@ class DyingBench(ServoBench):
         self.way = WAYS[way]()
         self.mail, self.board = shared(self.mail), shared(self.board)
         self._mails, self._boards = Copier(self.mail), Copier(self.board)
+        self._plain_mail, self._plain_board = Follower(), Follower()
         self.own, self.safe_ops = np.zeros(N_OWN, np.int64), np.zeros((N_SAFE_OPS, OP_FIELDS), np.int64)
         self.points = self.worlds = 0
         self.stall_at, self.stalled_ns = -1, 0
         self._last_key = b""
+
+    @property
+    def plain_mail(self) -> Any:
+        """The servo's memory, which tells nobody."""
+        return self._plain_mail.of(self.mail)
+
+    @property
+    def plain_board(self) -> Any:
+        """The board's, which tells nobody."""
+        return self._plain_board.of(self.board)
 
     # what the board shows
 
@@ -355,7 +284,7 @@ class DyingBench(ServoBench):
 
     def go_on(self, from_ns: int, until_ns: int) -> None:
         """Guardian and board, without the servo."""
-        run(self.own, self.mail, self.board, self.way, self.safe_ops, from_ns, until_ns)
+        run(self.own, self.plain_mail, self.plain_board, self.way, self.safe_ops, from_ns, until_ns)
 
     def sleep(self, ms: int) -> None:
         self.go_on(self.now_ns, self.now_ns + ms * 1_000_000)
@@ -404,7 +333,7 @@ class DyingBench(ServoBench):
             return
         self._last_key = key
         self.worlds += 1
-        mail, board = self._mails.copied(self.mail), self._boards.copied(self.board)
+        mail, board = self._mails.copied(self.plain_mail), self._boards.copied(self.plain_board)
         own, way = self.own.copy(), self.way.fork(board)
         beat_ns = int(mail.heartbeat.t_ns) or self.now_ns
         run(own, mail, board, way, self.safe_ops, self.now_ns, max(self.now_ns, beat_ns + BOUND_NS))
