@@ -246,9 +246,9 @@ def triangles() -> list[Triangle]:
         hand = ARM.flange(leaves + rng.uniform(0.3, 0.7) * (c - leaves))[:3, 3]
         box = Fence(name="box", shape="box", size_m=(0.08, 0.08, 0.08), position_m=tuple(hand), margin_m=0.03)
         fences = FenceSet(ROBOT, [box])
-        clear = [fences.slack(q)[0] > 0.0 for q in (PARK, b, c)]
-        shares = [fences.clear_share(*way) for way in ((PARK, b), (b, c), (leaves, c))]
-        if all(clear) and shares[0] == shares[1] == 1.0 > shares[2]:
+        clear = all(fences.slack(q)[0] > 0.0 for q in (PARK, b, c))  # soon known, and seldom so: asked first
+        share = fences.clear_share
+        if clear and share(leaves, c) < 1.0 == share(PARK, b) == share(b, c):
             found.append(Triangle(fences, b, c, leaves))
     return found
 
