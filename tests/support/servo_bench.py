@@ -292,9 +292,9 @@ class ServoBench:
         """Zero torque on all DACs and power off, as last written."""
         return bool(np.all(self.dac == DAC_ZERO)) and not self.powered
 
-    def rows(self) -> Rows:
-        """Telemetry of every tick so far."""
-        words = np.array(self._rows)
+    def rows(self, first: int = 0) -> Rows:
+        """Telemetry of every tick so far, from that number on."""
+        words = np.array(self._rows[first:])
         return words.view(TelemetryLayout(self.robot.n).dtype).reshape(len(words))
 
     def ticks_since(self, t_ns: int) -> int:
