@@ -52,5 +52,5 @@ def own_cache() -> Iterator[None]:
 
 @pytest.fixture
 def unpainted(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The figures of a run are files without a picture: both take a second to paint, and `test_offline` looks at them."""
+    """Figures of runs are files without a picture: to paint them takes a second, and `test_offline` looks at them."""
     monkeypatch.setattr("qrobot.log.plot.save_figure", lambda _figure, path: path.write_bytes(b""))
