@@ -19,7 +19,7 @@ from qrobot.servo.memory.published_state import FLAG_CALIBRATED, ServoSnapshot
 from qrobot.servo.memory.servo_memory import attach_servo_memory
 from qrobot.servo.operator.client import ServoClient
 from tests.support.patience import PATIENCE_S, wait_until
-from tests.support.processes import left_behind, qrobot, write_deployment
+from tests.support.processes import left_behind, qrobot, shared_starter, write_deployment
 from tests.support.signals import default_signals
 
 pytestmark = pytest.mark.realtime
@@ -32,7 +32,7 @@ def processes(tmp_path: Path) -> Iterator[ArmProcesses]:
     """Board (not calibrated), servo and guardian of a fresh arm whose deployment names the table."""
     path = write_deployment(tmp_path, board='calibration_table = "puma560"')
     arm = load_deployment(path).arm[0]
-    with ProcessRig(tmp_path / "processes") as rig:
+    with ProcessRig(tmp_path / "processes", shared_starter()) as rig:
         processes = ArmProcesses(rig, str(path), arm)
         rig.start(processes.board("--uncalibrated"), processes.servo(), processes.guardian())
         yield processes

@@ -39,7 +39,7 @@ from qrobot.hwif.registers import (
 from qrobot.model.transmission import signed_word
 from qrobot.rig.processes import ProcessPlan, ProcessRig, board_ready, bridge_ready
 from tests.support.patience import PATIENCE_S, wait_until
-from tests.support.processes import free_port
+from tests.support.processes import free_port, shared_starter
 
 pytestmark = pytest.mark.realtime
 
@@ -72,7 +72,7 @@ class Served:
 @pytest.fixture(scope="module")
 def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:
     folder, arm, port = tmp_path_factory.mktemp("modbus"), f"far{uuid.uuid4().hex[:8]}", free_port()
-    with ProcessRig(folder) as rig:
+    with ProcessRig(folder, shared_starter()) as rig:
         served = Served(rig, folder, arm, port)
         address = f"modbus=127.0.0.1:{port}@{WATCHDOG_MS}"
         arguments = ["board", served.deployment(arm, ""), "--serve", address]
