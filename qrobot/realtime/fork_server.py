@@ -30,10 +30,16 @@ from setproctitle import setproctitle
 
 from qrobot.errors import LinkError, LinkLost
 from qrobot.realtime.own_process import own_command
+from qrobot.realtime.signals import Handler
 
 ONE_BLAS_THREAD: Final = {"OPENBLAS_NUM_THREADS": "1"}  # threads do not survive a fork; a robot's matrices are small
 MOST_BYTES: Final = 1 << 20  # of an order: words and environment
 MOST_DESCRIPTORS: Final = 32
+ENDING: Final[Mapping[int, Handler]] = {
+    signal.SIGHUP: signal.SIG_DFL,
+    signal.SIGTERM: signal.SIG_DFL,
+    signal.SIGINT: signal.default_int_handler,
+}
 READY: Final = b"ready"
 STATUS: Final = struct.Struct("i")  # as `os.waitstatus_to_exitcode` tells it
 UNKNOWN_STATUS: Final = 255  # of a process whose fork server has ended before it
@@ -46,6 +52,7 @@ class _Order(NamedTuple):
         words: of the command line, the program's name first.
         folder: it works in.
         environment: its variables.
+        ignored: signals of `ENDING` that it ignores, as a command behind `nohup` does.
         inherited: a variable each, and how many descriptors it is to name. These come in the same order behind two
             others: what the process prints to, and the pipe for its status.
     """
@@ -53,6 +60,7 @@ class _Order(NamedTuple):
     words: tuple[str, ...]
     folder: str
     environment: dict[str, str]
+    ignored: tuple[int, ...]
     inherited: tuple[tuple[str, int], ...]
 
 
@@ -142,7 +150,7 @@ class ForkServer:
             self._is_ready = True
 
     def fork(self, words: Sequence[str], output: int, inherited: Mapping[str, Sequence[int]]) -> ForkedProcess:
-        """A process with the folder and the environment that this one has now.
+        """A process with the folder, the environment and the ignored signals that this one has now.
 
         What modules read in the environment when they are imported, they have read in the fork server's.
 
@@ -157,7 +165,8 @@ class ForkServer:
         """
         self.wait_ready()
         counts = tuple((name, len(each)) for name, each in inherited.items())
-        order = pickle.dumps(_Order(tuple(words), os.getcwd(), dict(os.environ), counts))
+        ignored = tuple(number for number in ENDING if signal.getsignal(number) is signal.SIG_IGN)
+        order = pickle.dumps(_Order(tuple(words), os.getcwd(), dict(os.environ), ignored, counts))
         status, of_parent = os.pipe()
         try:
             descriptors = [output, of_parent, *(one for each in inherited.values() for one in each)]
@@ -255,6 +264,8 @@ def _become(order: _Order, output: int, inherited: Sequence[int]) -> None:
         os.dup2(output, standard)
     os.close(output)
     os.chdir(order.folder)
+    for number, handler in ENDING.items():
+        signal.signal(number, signal.SIG_IGN if number in order.ignored else handler)
     os.environ.clear()
     os.environ.update(order.environment)
     left = iter(inherited)

@@ -14,11 +14,12 @@ import pytest
 
 from qrobot.errors import LinkLost
 from qrobot.realtime.fork_server import UNKNOWN_STATUS, ForkedProcess, ForkServer
+from qrobot.realtime.signals import handled
 from tests.support.patience import PATIENCE_S
 
 MODULE = "forked_by_tests"
 SOURCE = """
-import json, os, sys, threading, time
+import json, os, signal, sys, threading, time
 PREPARED = []
 def prepare():
     PREPARED.append(os.getpid())
@@ -32,6 +33,7 @@ def run():
         told = dict(words=sys.argv, prepared=PREPARED, me=os.getpid(), session=os.getsid(0), folder=os.getcwd(),
                     color=os.environ.get("COLOR"), old=os.environ.get("OLD"), threads=threading.active_count(),
                     title=open("/proc/self/cmdline").read().strip("\\0"), input=sys.stdin.read(),
+                    ignored=[number for number in (1, 2, 15) if signal.getsignal(number) is signal.SIG_IGN],
                     descriptors=sorted(map(int, os.listdir("/proc/self/fd"))), given=sorted(map(int, numbers)))
         print(json.dumps(told))
         print("a complaint", file=sys.stderr)
@@ -91,7 +93,7 @@ def test_a_process_has_what_was_prepared_and_what_it_is_given_and_nothing_else(
     other = waits(server, tmp_path / "other.txt")  # its descriptors are nobody else's
     read, write = os.pipe()
     second_read, second = os.pipe()
-    with (tmp_path / "out.txt").open("wb") as file:
+    with (tmp_path / "out.txt").open("wb") as file, handled({signal.SIGHUP: signal.SIG_IGN}):
         process = server.fork(("qrobot", "tell", "a b", "--c"), file.fileno(), {"GIVEN": [write, second]})
     for end in (write, second):
         os.close(end)
@@ -109,6 +111,7 @@ def test_a_process_has_what_was_prepared_and_what_it_is_given_and_nothing_else(
     assert told["title"].startswith("qrobot tell a b --c")
     assert told["folder"] == str(tmp_path)
     assert (told["color"], told["old"], told["input"], told["threads"]) == ("green", None, "", 1)
+    assert told["ignored"] == [signal.SIGHUP]
     assert told["me"] == told["session"] == process.pid
     assert len(told["prepared"]) == 1
     assert told["prepared"] != [process.pid]
