@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import base64
 import io
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from html import escape
 from pathlib import Path
 from typing import Final
@@ -51,21 +51,22 @@ def write_report(
     Raises:
         IdentificationError: a file cannot be written.
     """
-    figures = {
-        "predicted": predicted_figure(found),
-        "residuals": residuals_figure(found),
-        "structure": structure_figure(found),
-    }
-    pictures = {path.with_name(f"{path.stem}-{name}.png"): _png(figure) for name, figure in figures.items()}
-    page = report_page(found, model, previous, list(pictures.values()))
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
+        path.parent.mkdir(parents=True, exist_ok=True)  # before the figures are drawn, which takes seconds
+        pictures = {path.with_name(f"{path.stem}-{name}.png"): _png(figure) for name, figure in _figures(found)}
+        page = report_page(found, model, previous, list(pictures.values()))
         for file, picture in pictures.items():
             replace_bytes(file, picture)
         replace_file(path, page)
     except OSError as error:
         raise IdentificationError(f"cannot write the report to {path}: {error.strerror}") from error
     return [path, *pictures]
+
+
+def _figures(found: Identified) -> Iterator[tuple[str, Figure]]:
+    yield "predicted", predicted_figure(found)
+    yield "residuals", residuals_figure(found)
+    yield "structure", structure_figure(found)
 
 
 def report_page(
