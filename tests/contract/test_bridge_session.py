@@ -374,7 +374,7 @@ def test_beside_every_wrong_setpoint_stop_and_power_off_are_obeyed_and_nothing_e
     bits: int, wrong: float
 ) -> None:
     asked = {name: bool(bits >> k & 1) for k, name in enumerate(FLAGS)}
-    rig = ServoBench().hold()
+    rig = ServoBench(rate_hz=500.0).hold()  # slow: there are hundreds of cases, and half a second in each
     client = Client(MailboxPort(rig.mailbox.words), Lease())
     client.join()
     at = tuple(rig.q.tolist())
