@@ -5,6 +5,7 @@ from __future__ import annotations
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any, Literal
 
 from selenium import webdriver
@@ -24,6 +25,7 @@ FLAGS = (
     "--disable-backgrounding-occluded-windows", "--disable-renderer-backgrounding",
 )  # fmt: skip
 SIZE = (1200, 800)
+DRIVER = Path(__file__).with_name("chromedriver")
 CLICK = """
 const element = document.querySelector(arguments[0]);
 if (!element || element.disabled || element.offsetParent === null) return false;
@@ -58,7 +60,7 @@ def open_browser() -> Iterator[Any]:
     for flag in (*FLAGS, f"--window-size={SIZE[0]},{SIZE[1]}"):
         options.add_argument(flag)
     options.set_capability("goog:loggingPrefs", {"browser": "ALL", "performance": "ALL"})
-    driver = webdriver.Chrome(options, Service(shutil.which("chromedriver") or "chromedriver"))
+    driver = webdriver.Chrome(options, Service(str(DRIVER)))
     try:
         yield driver
     finally:
