@@ -146,12 +146,18 @@ def local_record(dtype: np.dtype[Any]) -> Any:
 
 def view_words(record: Any) -> Words:
     """A record or part of one as an array of words, in the same memory; in kernels it is `flat_record.words_of`."""
-    owner, at = record.base, record.__array_interface__["data"][0]
+    owner, at = record.base, _address_of(np.frombuffer(record, np.int64))
     while isinstance(owner.base, np.ndarray | np.void):
         owner = owner.base
-    first = (at - owner.__array_interface__["data"][0]) // WORD_BYTES
-    found: Words = owner.view(np.int64).reshape(-1)[first : first + record.dtype.itemsize // WORD_BYTES]
-    return found
+    words: Words = owner.view(np.int64).reshape(-1)
+    first = (at - _address_of(words)) // WORD_BYTES
+    return words[first : first + record.dtype.itemsize // WORD_BYTES]
+
+
+def _address_of(words: Words) -> int:
+    """Address of plain words: a record that is asked for its own describes all its fields first, for up to 0.3 ms."""
+    at: int = words.__array_interface__["data"][0]
+    return at
 
 
 def _shape(length: ArrayLength | None, sizes: dict[str, int]) -> tuple[int, ...]:

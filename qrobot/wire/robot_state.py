@@ -9,6 +9,7 @@ field is a line here, and a field of the servo's own state from which it is copi
 from __future__ import annotations
 
 from dataclasses import dataclass, field, fields
+from functools import cache
 from typing import Any, Generic, TypeVar
 
 from qrobot.faultcodes import NO_JOINT
@@ -141,6 +142,7 @@ def again(table: type[StateTable[Any]], name: str, default: Any) -> Any:
     return field(default=default, metadata=line.metadata)
 
 
+@cache
 def rows_of(table: type[StateTable[Any]]) -> tuple[StateRow, ...]:
     """The lines of a table, in their order."""
     return tuple(StateRow(each.name, *each.metadata["row"]) for each in fields(table))

@@ -15,6 +15,7 @@ reference passes beside knot 1 by e1 and beside knot 2 by e2 (`servo.kernels.rou
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Final
 
 import numpy as np
@@ -66,7 +67,7 @@ class Form:
         """Frames from taking a setpoint, the newest knot, to reaching it."""
         return N_KNOTS - 1 - self.first_knot
 
-    @property
+    @cached_property
     def continuity(self) -> int:
         """Highest derivative that is continuous from frame to frame, whatever the setpoints: 0 is position alone."""
         order = 0

@@ -40,6 +40,7 @@ class ServoSnapshot(StateTable[Floats]):
 
 
 ROWS: Final = rows_of(ServoSnapshot)
+_NAMES: Final = tuple(row.name for row in ROWS)
 
 
 def block_of_rows(rows: tuple[StateRow, ...]) -> type:
@@ -93,9 +94,5 @@ def read_state(mail: Any, out: Words) -> bool:
 
 def snapshot_of(words: Words, n: int) -> ServoSnapshot:
     """The state of `n` joints whose block these words are; its arrays are views of them."""
-    block = words.view(state_dtype(n))[0]
-    told: dict[str, Any] = {row.name: block[row.source or row.name] for row in ROWS}
-    plain: dict[str, Any] = {
-        name: value if isinstance(value, np.ndarray) else value.item() for name, value in told.items()
-    }
-    return ServoSnapshot(**plain)
+    told = words.view(state_dtype(n)).item()  # all at once: one field after the other takes Python ten times as long
+    return ServoSnapshot(**dict(zip(_NAMES, told, strict=True)))
