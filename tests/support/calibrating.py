@@ -18,6 +18,7 @@ from qrobot.servo.operator.calibration_client import CalibrationReport, run_cali
 from qrobot.servo.settings import ServoSettings
 from qrobot.sim_board.board import BoardOptions
 from qrobot.sim_board.emulator import Emulator
+from tests.support.bench_blocks import word_of
 
 PUMA = load_robot("puma560")
 TABLE = load_table("puma560", PUMA)
@@ -48,6 +49,9 @@ class CalibratingRig(LockstepRig):
         )
         settings = ServoSettings(rate_hz=rate_hz, calibration=table)
         super().__init__(robot, settings, board, keep_telemetry=False)
+        # Words, looked at after each tick: a whole report of the progress takes Python longer than a tick takes.
+        progress = self.mailbox.memory.calibration
+        self._stage_word, self._joint_word = word_of(progress, "stage"), word_of(progress, "joint")
 
     @property
     def seen(self) -> ServoSnapshot:
@@ -67,7 +71,7 @@ class CalibratingRig(LockstepRig):
     @property
     def stage(self) -> Stage:
         """Where the calibration stands."""
-        return Stage(self.mailbox.calibration().stage)
+        return Stage(int(self._stage_word[0]))
 
     def powered(self) -> CalibratingRig:
         """With arm power, holding or waiting for calibration."""
@@ -79,9 +83,9 @@ class CalibratingRig(LockstepRig):
         """With a calibration that has come to a stage of a joint."""
         self.powered().mailbox.request_calibration(indexes)
         for _ in range(30_000):
-            if self.stage is until and self.mailbox.calibration().joint >= joint:
+            if (stage := self.stage) is until and self._joint_word[0] >= joint:
                 return self
-            self.ticks(1 if self.stage >= Stage.SETTLING else round(0.005 * self.settings.rate_hz))
+            self.ticks(1 if stage >= Stage.SETTLING else round(0.005 * self.settings.rate_hz))
         raise AssertionError(f"{until.name} was not reached: {self.mode.name}, {self.event}")
 
     def finish(self, seconds: float = 90.0) -> CalibratingRig:
