@@ -26,6 +26,7 @@ from tests.support.puma import arm as puma
 
 VIA, END = (np.degrees(PARK) + np.array(turn) for turn in ([40.0, -10, 5, 0, 0, 0], [20.0, 15, -10, 20, 0, 0]))
 ROUNDING = 1e-9
+SOON_S = 20.0
 
 
 @pytest.fixture
@@ -378,6 +379,13 @@ def test_on_virtual_time_a_wait_for_an_arm_that_nobody_lets_go_back_ends_with_wh
     assert HELD_S / PERIOD_S < fake.seq < HELD_S / PERIOD_S + 60
 
 
+@pytest.fixture
+def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Waits end after `SOON_S`, where what is looked at is not how long they last."""
+    monkeypatch.setattr("qrobot.rci.standstill.HELD_S", SOON_S)
+
+
+@pytest.mark.usefixtures("impatient")
 def test_a_wait_that_is_shorter_or_a_motion_that_goes_on_ends_nothing(fake: FakeRobot) -> None:
     with rccl.control("puma560") as arm:
         arm.keep_path()
@@ -386,16 +394,17 @@ def test_a_wait_that_is_shorter_or_a_motion_that_goes_on_ends_nothing(fake: Fake
         fail(fake, "fault")
         for _ in range(2):  # each wait has a time of its own
             begin = arm.time
-            arm.waitas(lambda begin=begin: arm.time > begin + 1e3 * (HELD_S - 1.0))
+            arm.waitas(lambda begin=begin: arm.time > begin + 1e3 * (SOON_S - 1.0))
         arm.resume()
         arm.waitfor(arm.completed)
         assert end.code == Termination.COMPLETED
         arm.setmode("joint")
-        arm.setime(300, 1e3 * (HELD_S + 20.0))
+        arm.setime(300, 1e3 * (SOON_S + 5.0))
         arm.move(arm.pose("park"))
         arm.waitfor(arm.completed)
 
 
+@pytest.mark.usefixtures("impatient")
 @pytest.mark.parametrize("how", ["pause", "override"])
 def test_a_program_that_holds_its_own_motions_and_waits_for_them_is_told_on_virtual_time(
     fake: FakeRobot, how: str
