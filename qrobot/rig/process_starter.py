@@ -9,7 +9,8 @@ from contextlib import suppress
 from typing import IO, Final
 
 from qrobot.errors import LinkLost
-from qrobot.realtime.fork_server import ForkedProcess, ForkServer
+from qrobot.realtime.forked_process import ForkedProcess
+from qrobot.realtime.forking import ForkServer
 from qrobot.realtime.own_process import own_command
 
 PROGRAM: Final = "qrobot"
@@ -37,21 +38,22 @@ class ProcessStarter:
         """Wait until processes can be started at once. A KeyboardInterrupt may come in between."""
         if self._forks is None:
             self._forks = ForkServer(f"{PROGRAM}.cli.main:main", PREPARATIONS)
-        with suppress(LinkLost):
-            self._forks.wait_ready()
+        try:
+            with suppress(LinkLost):
+                self._forks.wait_ready()
+        except BaseException:  # its answer may have been lost
+            self.close()
+            raise
 
     def start(self, words: Sequence[str], output: IO[bytes], inherited: Mapping[str, Sequence[int]]) -> Started:
         """A process of the command with these words behind it.
 
-        It is started afresh where there is no fork server, or that one has ended.
+        It is started afresh where there is no fork server, or that one cannot.
 
         Args:
             words: of the command line.
             output: file for results and messages.
             inherited: variables, and the open descriptors that each names in the process, with commas between them.
-
-        Raises:
-            LinkError: the system has no room for another process.
         """
         if self._forks is not None:
             with suppress(LinkLost):

@@ -7,7 +7,10 @@ import subprocess
 import sys
 from pathlib import Path
 
-from qrobot.realtime.fork_server import ONE_BLAS_THREAD, ForkedProcess
+import pytest
+
+from qrobot.realtime.forked_process import ForkedProcess
+from qrobot.realtime.forking import ONE_BLAS_THREAD, ForkServer
 from qrobot.rig.process_starter import PREPARATIONS, ProcessStarter
 from tests.support.patience import PATIENCE_S
 from tests.support.processes import shared_starter
@@ -46,6 +49,21 @@ def test_a_starter_whose_fork_server_was_killed_starts_processes_afresh(tmp_path
     starter.prepare()
     kind, status, _ = version(starter, tmp_path / "out.txt")
     assert (kind, status) == (subprocess.Popen, 0)
+    starter.close()
+
+
+def test_an_interrupt_while_libraries_are_imported_leaves_no_fork_server(monkeypatch: pytest.MonkeyPatch) -> None:
+    made: list[ForkServer] = []
+
+    def interrupted(server: ForkServer) -> None:
+        made.append(server)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(ForkServer, "wait_ready", interrupted)
+    starter = ProcessStarter()
+    with pytest.raises(KeyboardInterrupt):
+        starter.prepare()
+    assert made[0]._process.returncode is not None
     starter.close()
 
 
