@@ -6,12 +6,20 @@ import pytest
 
 from tests.support.browser import Page, open_browser
 from tests.support.patience import wait_until
-from tests.system.test_pendant import ONCE, SOURCE_OF_ONCE, Pendant, pendant
+from tests.system.test_pendant import ONCE, PROGRAM, SOURCE_OF_ONCE, Pendant, pendant
 
 __all__ = ["pendant"]  # the fixture
 
 pytestmark = pytest.mark.realtime
 
+HOLD_SOURCE = """
+const ask = window.fetch;
+window.fetch = (what, ...more) => {
+  if (!String(what).includes("programs/source")) return ask(what, ...more);
+  return new Promise((answer) => (window.answer = () => ((window.fetch = ask), answer(ask(what, ...more)))));
+};
+"""
+CAN_START = "return !document.getElementById('start-live').disabled"
 STAMP = "return document.getElementById('source').dataset.stamp"
 
 
@@ -32,3 +40,11 @@ def test_the_source_on_the_page_follows_an_editor_and_what_was_to_be_confirmed_g
         wait_until(lambda: page.run(STAMP) == str(file.stat().st_mtime_ns), "it is what Live is about")
         assert not page.shows(".confirm", f"as {ONCE} says")
         assert page.shows('.program[aria-selected="true"]', ONCE)
+
+        page.run(HOLD_SOURCE)
+        page.click_at(f'[data-name="{PROGRAM}"]')
+        wait_until(lambda: page.run("return Boolean(window.answer)"), "the source is asked for")
+        assert not page.run(CAN_START)  # nobody has seen yet what the arm would do
+        page.run("window.answer()")
+        wait_until(lambda: page.run(CAN_START), "it can be started")
+        assert page.shows("#source", "while True")

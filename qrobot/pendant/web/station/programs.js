@@ -102,7 +102,7 @@ export function makePrograms(root) {
     source.replaceChildren(...text.split("\n").map((line, k) => el("span", { class: "line", "data-number": k + 1 }, `${line}\n`)));
     source.dataset.stamp = stamp;
     if (!again) source.scrollTop = 0;
-    mark();
+    show();
   }
 
   // What is chosen, and the line that an error is about.
@@ -174,7 +174,7 @@ export function makePrograms(root) {
 
   const show = () => {
     const now = facts(), runs = now.state === "running", mine = link.driving;
-    for (const button of buttons) button.disabled = !mine || runs || !chosen;
+    for (const button of buttons) button.disabled = !mine || runs || !chosen || (button.id === "start-live" && !source.dataset.stamp); // what moves the arm is shown before
     if (!mine || runs || String(asked) !== String(driven())) offer(false);
     end.disabled = !runs;
     next.hidden = go.hidden = interrupt.hidden = !now.stepping;
