@@ -13,7 +13,7 @@ MOST_DESCRIPTORS: Final = 32  # of an order; those of an arm's processes are few
 ENDING: Final = (signal.SIGHUP, signal.SIGINT, signal.SIGTERM)
 
 
-class Order(NamedTuple):
+class ForkOrder(NamedTuple):
     """A process that is to be forked.
 
     The file of an order comes with these descriptors behind it: the folder of the process, what it prints to, where its

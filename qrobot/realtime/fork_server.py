@@ -21,7 +21,7 @@ from importlib import import_module
 
 from setproctitle import setproctitle
 
-from qrobot.realtime.fork_order import ENDING, MOST_BYTES, MOST_DESCRIPTORS, READY, STATUS, Order
+from qrobot.realtime.fork_order import ENDING, MOST_BYTES, MOST_DESCRIPTORS, READY, STATUS, ForkOrder
 
 
 class Children:
@@ -33,7 +33,7 @@ class Children:
         self._poll = select.poll()
         self._poll.register(client, select.POLLIN)
 
-    def serve(self) -> Order | None:
+    def serve(self) -> ForkOrder | None:
         """Take orders until the client ends. Returns an order in the process that was forked for it."""
         self._answer(READY)
         while True:
@@ -52,7 +52,7 @@ class Children:
             data, descriptors, *_ = socket.recv_fds(self._client, MOST_BYTES, MOST_DESCRIPTORS)
         return descriptors if data else None
 
-    def _taken(self, descriptors: list[int]) -> Order | None:
+    def _taken(self, descriptors: list[int]) -> ForkOrder | None:
         """Fork a process for an order, and return that there."""
         try:
             order = _read_order(descriptors)
@@ -101,18 +101,18 @@ class Children:
         _close(*self._living, *(status for _, status in self._living.values()))
 
 
-def _read_order(descriptors: list[int]) -> Order:
+def _read_order(descriptors: list[int]) -> ForkOrder:
     """Raises ValueError when descriptors are missing, for want of room in this process."""
     if not descriptors:
         raise ValueError("its order has not come")
     with open(descriptors[0], "rb", closefd=False) as file:
-        order: Order = pickle.load(file)
+        order: ForkOrder = pickle.load(file)
     if len(descriptors) != 5 + sum(count for _, count in order.inherited):
         raise ValueError("descriptors of its order have not come")
     return order
 
 
-def _begin(order: Order, folder: int, output: int, begins: int, inherited: Sequence[int]) -> None:
+def _begin(order: ForkOrder, folder: int, output: int, begins: int, inherited: Sequence[int]) -> None:
     """Become what an order says, once the client knows this process; else end it."""
     if not os.read(begins, 1):
         os._exit(1)

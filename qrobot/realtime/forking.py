@@ -18,7 +18,7 @@ from contextlib import ExitStack, contextmanager, suppress
 from typing import Final
 
 from qrobot.errors import LinkLost
-from qrobot.realtime.fork_order import ENDING, MOST_BYTES, Order
+from qrobot.realtime.fork_order import ENDING, MOST_BYTES, ForkOrder
 from qrobot.realtime.forked_process import ForkedProcess, is_readable
 from qrobot.realtime.own_process import own_command
 
@@ -72,7 +72,7 @@ class ForkServer:
         self.wait_ready()
         counts = tuple((name, len(each)) for name, each in inherited.items())
         ignored = tuple(number for number in ENDING if signal.getsignal(number) is signal.SIG_IGN)
-        order = Order(tuple(words), dict(os.environ), ignored, counts)
+        order = ForkOrder(tuple(words), dict(os.environ), ignored, counts)
         with _written(order) as file, _folder() as folder, _pipe() as (status, told), _pipe() as (begins, begin):
             given = [each for descriptors in inherited.values() for each in descriptors]
             pid, process = self._ask([file, folder, output, told, begins, *given])
@@ -109,7 +109,7 @@ class ForkServer:
 
 
 @contextmanager
-def _written(order: Order) -> Iterator[int]:
+def _written(order: ForkOrder) -> Iterator[int]:
     """Descriptor of a file in memory with an order: environments are longer than a message may be."""
     with os.fdopen(os.memfd_create("order"), "w+b") as file:
         pickle.dump(order, file)
