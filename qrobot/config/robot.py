@@ -410,7 +410,7 @@ def load_robot(name_or_path: str | Path) -> Robot:
 
 @lru_cache(maxsize=16)
 def _robot_in(content: bytes, label: str) -> Robot:
-    """The robot of a file's content, made once: nobody can change it, and a program asks for its arms' often."""
+    """The robot of a file's content, made once, with arrays that are read-only: a program asks for its arms' often."""
     return robot_of(parse_document(content, label), label)
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import signal
 import struct
 from typing import Final, NamedTuple
 
@@ -10,7 +9,6 @@ READY: Final = b"ready"  # what the fork server says once it is prepared
 STATUS: Final = struct.Struct("i")  # how a process has ended, as `os.waitstatus_to_exitcode` tells it
 MOST_BYTES: Final = 256  # of a message: a process id, or what is wrong; an order stands in a file
 MOST_DESCRIPTORS: Final = 32  # of an order; those of an arm's processes are fewer than half of it
-ENDING: Final = (signal.SIGHUP, signal.SIGINT, signal.SIGTERM)
 
 
 class ForkOrder(NamedTuple):
@@ -22,7 +20,7 @@ class ForkOrder(NamedTuple):
     Attributes:
         words: of the command line, the program's name first.
         environment: its variables.
-        ignored: signals of `ENDING` that it ignores, as a command behind `nohup` does.
+        ignored: signals of `signals.ENDING` that it ignores, as a command behind `nohup` does.
         inherited: a variable each, and the number of descriptors that it is to name.
     """
 

@@ -21,7 +21,8 @@ from importlib import import_module
 
 from setproctitle import setproctitle
 
-from qrobot.realtime.fork_order import ENDING, MOST_BYTES, MOST_DESCRIPTORS, READY, STATUS, ForkOrder
+from qrobot.realtime.fork_order import MOST_BYTES, MOST_DESCRIPTORS, READY, STATUS, ForkOrder
+from qrobot.realtime.signals import ENDING
 
 
 class Children:

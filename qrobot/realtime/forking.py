@@ -14,13 +14,14 @@ import socket
 import subprocess
 import sys
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import contextmanager, suppress
 from typing import Final
 
 from qrobot.errors import LinkLost
-from qrobot.realtime.fork_order import ENDING, MOST_BYTES, ForkOrder
+from qrobot.realtime.fork_order import MOST_BYTES, ForkOrder
 from qrobot.realtime.forked_process import ForkedProcess, is_readable
 from qrobot.realtime.own_process import own_command
+from qrobot.realtime.signals import ENDING
 
 ONE_BLAS_THREAD: Final = {"OPENBLAS_NUM_THREADS": "1"}  # threads do not survive a fork; a robot's matrices are small
 ANSWER_S: Final = 5.0  # [A] to an order: a fork takes milliseconds
@@ -120,17 +121,19 @@ def _written(order: ForkOrder) -> Iterator[int]:
 @contextmanager
 def _folder() -> Iterator[int]:
     """Descriptor of the current folder, which may have no name any more."""
-    with ExitStack() as stack:
-        found = os.open(".", os.O_PATH | os.O_DIRECTORY)
-        stack.callback(os.close, found)
+    found = os.open(".", os.O_PATH | os.O_DIRECTORY)
+    try:
         yield found
+    finally:
+        os.close(found)
 
 
 @contextmanager
 def _pipe() -> Iterator[tuple[int, int]]:
     """Ends of a pipe, to read and to write."""
-    with ExitStack() as stack:
-        ends = os.pipe()
-        for end in ends:
-            stack.callback(os.close, end)
+    ends = os.pipe()
+    try:
         yield ends
+    finally:
+        for end in ends:
+            os.close(end)

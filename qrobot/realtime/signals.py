@@ -14,6 +14,7 @@ from typing import Final, TypeAlias
 
 Handler: TypeAlias = Callable[[int, FrameType | None], object] | int | None
 SIGNALLED: Final = 128  # exit status, less its number, of a command that a signal has ended, as shells have it
+ENDING: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)  # of a terminal, of whoever ends us, of one that closes
 NEEDED_S: Final = 0.05  # from one question whether a process is still needed to the next
 _FULL = BlockingIOError  # the pipe holds more than anybody needs to be woken
 

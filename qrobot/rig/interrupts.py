@@ -6,11 +6,8 @@ import signal
 from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
-from typing import Final
 
-from qrobot.realtime.signals import handled, is_heeded
-
-INTERRUPTS: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+from qrobot.realtime.signals import ENDING, handled, is_heeded
 
 
 @contextmanager
@@ -20,7 +17,7 @@ def interrupts_deferred() -> Iterator[None]:
     A process started inside does not inherit that: `exec` gives caught signals their default action again.
     """
     came: list[tuple[int, FrameType | None]] = []
-    before = {int(number): signal.getsignal(number) for number in INTERRUPTS}
+    before = {int(number): signal.getsignal(number) for number in ENDING}
     with handled({n: lambda *arrived: came.append(arrived) for n, handler in before.items() if callable(handler)}):
         yield
     for number, frame in came[:1]:
@@ -42,7 +39,7 @@ def interrupted_by_signals() -> Iterator[None]:
         if heeded:
             signal.default_int_handler(number, frame)
 
-    heard = [number for number in INTERRUPTS[1:] if signal.getsignal(number) is not signal.SIG_IGN]  # as nohup does
+    heard = [number for number in ENDING[1:] if signal.getsignal(number) is not signal.SIG_IGN]  # as nohup does
     with handled(dict.fromkeys(heard, interrupt)):
         yield
 
@@ -50,5 +47,5 @@ def interrupted_by_signals() -> Iterator[None]:
 @contextmanager
 def interrupts_ignored() -> Iterator[None]:
     """Ctrl-C, SIGTERM and SIGHUP are lost. From the main thread."""
-    with handled(dict.fromkeys(INTERRUPTS, signal.SIG_IGN)):
+    with handled(dict.fromkeys(ENDING, signal.SIG_IGN)):
         yield

@@ -1,9 +1,10 @@
 """The processes of one deployment: started in order, watched, ended in order.
 
-Order matters: the board must exist before the servo, the servo before its guardian and the bridge. They import and
-compile at the same time, and begin one after the other. At the end the servo goes while board and guardian still live,
-so that it can make a controlled stop; processes whose supervisor was killed keep that order by themselves. Every
-process is a session of its own: a Ctrl-C at the terminal reaches only the supervisor, which ends the rest.
+Order matters: the board must exist before the servo, the servo before its guardian and the bridge. They get ready at
+the same time, forked by a process that has imported their libraries, and begin one after the other. At the end the
+servo goes while board and guardian still live, so that it can make a controlled stop; processes whose supervisor was
+killed keep that order by themselves. Every process is a session of its own: a Ctrl-C at the terminal reaches only the
+supervisor, which ends the rest.
 """
 
 from __future__ import annotations

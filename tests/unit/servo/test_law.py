@@ -15,7 +15,8 @@ from qrobot.modecodes import Mode
 from qrobot.realtime.jit import jit_disabled
 from qrobot.servo.laws import DEFAULT_LAW, LAWS, find_law, law_label
 from qrobot.servo.laws.law import KP, KV, MEMORY_WORDS, N_GAINS, Law, Setting, law
-from tests.support.servo_bench import ServoBench, cycle_of_blocks, moving
+from tests.support.bench_blocks import cycle_of_blocks
+from tests.support.servo_bench import ServoBench, moving
 
 ROBOT = load_robot("puma560")
 N = 3

@@ -17,7 +17,8 @@ from qrobot.servo import cycle
 from qrobot.servo.memory import mailbox
 from qrobot.servo.output_lines import OutputWire
 from qrobot.servo.stages.mode_machine import handle_requests
-from tests.support.servo_bench import ServoBench, callable_block, in_python
+from tests.support.bench_blocks import callable_block, in_python
+from tests.support.servo_bench import ServoBench
 
 POWERING: Final = int(Mode.POWERING)
 STOPS: Final = 1_000 if jit_disabled() else 3_000_000
