@@ -11,7 +11,8 @@ from qrobot.config import load_robot
 from qrobot.faultcodes import EXPLANATION, FaultCode
 from qrobot.motion.path import phase
 from qrobot.servo import modes
-from qrobot.servo.laws import DEFAULT_LAW, LAWS
+from qrobot.servo.laws.names import DEFAULT_LAW
+from qrobot.servo.laws.shipped import LAWS
 from qrobot.servo.memory.telemetry import ADDED, ARRAYS, COUNTERS, FACTORS, LINES, SCALARS, TERMS, VECTORS
 from qrobot.servo.stop_categories import stop_category
 from qrobot.sim_board.faults import KINDS

@@ -10,12 +10,13 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import App, Parameter
 
-from qrobot.cli.arms import DEFAULT_DEPLOYMENT, check_drives, choose_arm, choose_arms, robot_of_arm
+from qrobot.cli.arms import DEFAULT_DEPLOYMENT, choose_arm, choose_arms, robot_of_arm
 from qrobot.cli.board_check import check
 from qrobot.cli.board_replay import replay
 from qrobot.cli.board_show import force, show
 from qrobot.cli.console import note
 from qrobot.cli.option_types import OutputGrowing
+from qrobot.cli.servo_settings import check_drives
 from qrobot.config.deployment import DeployedArm
 from qrobot.config.scene import SceneKind
 from qrobot.errors import ConfigError

@@ -42,7 +42,8 @@ def compile(deployment: str = "emulator", *, json: bool = False) -> None:
 
 
 def _compile_arm(arm: DeployedArm) -> None:
-    from qrobot.cli.arms import controlled_robot, servo_settings
+    from qrobot.cli.arms import controlled_robot
+    from qrobot.cli.servo_settings import servo_settings
     from qrobot.rig.compile_everything import stages
 
     robot, _ = controlled_robot(arm)

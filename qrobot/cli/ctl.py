@@ -11,14 +11,15 @@ from typing import Annotated, Final, Literal
 from cyclopts import App, Parameter
 from rich.table import Table
 
-from qrobot.cli.arms import DEFAULT_DEPLOYMENT, LAW_NAMES, choose_arm, robot_of_servo, whole_law_name
+from qrobot.cli.arms import DEFAULT_DEPLOYMENT, LAW_NAMES, choose_arm, robot_of_servo
 from qrobot.cli.console import SUCCESS, note, out, plain_table, print_table, write_json
 from qrobot.cli.fence_table import fence_table
 from qrobot.cli.option_types import GainsOption, Indexes, LoadKg, NumberList, Percent, Seconds
 from qrobot.config import Robot
 from qrobot.config.scene import FORCE_AXES
 from qrobot.errors import ConfigError
-from qrobot.servo.memory.law_history import settings_text
+from qrobot.servo.laws.names import whole_law_name
+from qrobot.servo.memory.settings_text import settings_text
 from qrobot.servo.operator.client import ServoClient
 from qrobot.servo.operator.messages import BoardStatus, ServoStatus
 from qrobot.servo.operator.sockets import visitor_label

@@ -69,7 +69,8 @@ def demo(
     json
         Write a summary as JSON to this file as well.
     """
-    from qrobot.cli.arms import check_law, choose_arm, robot_of_arm
+    from qrobot.cli.arms import choose_arm, robot_of_arm
+    from qrobot.cli.servo_settings import check_law
     from qrobot.rig.demo_criteria import judge
     from qrobot.rig.experiment import plan
 

@@ -70,7 +70,8 @@ def _not_tried(busy: list[str]) -> SetupStep:
 
 
 def _tried(arm: DeployedArm) -> list[SetupStep]:
-    from qrobot.cli.arms import controlled_robot, servo_settings
+    from qrobot.cli.arms import controlled_robot
+    from qrobot.cli.servo_settings import servo_settings
     from qrobot.servo.process.daemon import warm_up
     from qrobot.servo.process.rate_trial import try_rate
 

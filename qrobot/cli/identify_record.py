@@ -13,10 +13,11 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from qrobot import rccl
 from qrobot.cli.arm_links import link_of
-from qrobot.cli.arms import controlled_robot, servo_settings
+from qrobot.cli.arms import controlled_robot
 from qrobot.cli.console import err, note
 from qrobot.cli.logs import read_and_warn
 from qrobot.cli.option_types import require_new_log
+from qrobot.cli.servo_settings import servo_settings
 from qrobot.config import Robot
 from qrobot.config.deployment import DeployedArm
 from qrobot.errors import ConfigError, LinkError, LogError, MotionError, ServoFault
@@ -28,7 +29,7 @@ from qrobot.ident.plan import ExcitationPlan, Swing
 from qrobot.log.header import LOCKSTEP, LogHeader, header_for
 from qrobot.log.record import write_log
 from qrobot.report import QueuedReport
-from qrobot.servo.laws import law_label
+from qrobot.servo.laws.names import law_label
 from qrobot.servo.memory.telemetry import Rows
 from qrobot.units import US_PER_MS
 

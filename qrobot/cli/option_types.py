@@ -22,7 +22,7 @@ from qrobot.errors import ConfigError, LogError, error_text
 from qrobot.extras import missing_extra
 from qrobot.log.topics import part_path
 from qrobot.servo.calibration.state import FEWEST_INDEXES, MOST_INDEXES
-from qrobot.servo.settings import HIGHEST_RATE_HZ, LOWEST_RATE_HZ
+from qrobot.servo.rates import HIGHEST_RATE_HZ, LOWEST_RATE_HZ
 from qrobot.whole_file import probe_file, probe_folder
 from qrobot.wire.vocabulary import LARGEST_OVERRIDE
 

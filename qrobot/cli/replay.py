@@ -6,17 +6,10 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from qrobot.cli.arms import (
-    DEFAULT_DEPLOYMENT,
-    choose_arm,
-    controlled_robot,
-    fences_of_arm,
-    inside_fences,
-    robot_of_arm,
-    servo_settings,
-)
+from qrobot.cli.arms import DEFAULT_DEPLOYMENT, choose_arm, controlled_robot, fences_of_arm, inside_fences, robot_of_arm
 from qrobot.cli.console import note, out, write_json
 from qrobot.cli.option_types import OutputTable, SmoothOption
+from qrobot.cli.servo_settings import servo_settings
 from qrobot.realtime.signals import ends_as_ctrl_c
 from qrobot.units import DEG_PER_RAD, M_PER_MM, MM_PER_M, S_PER_MS, US_PER_MS
 

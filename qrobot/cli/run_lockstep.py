@@ -10,10 +10,11 @@ from tempfile import TemporaryDirectory
 from typing import Literal
 
 from qrobot.cli.arm_links import ArmLinks, links_of
-from qrobot.cli.arms import check_law, controlled_robot, robot_of_arm, servo_settings, tool_of_arm
+from qrobot.cli.arms import controlled_robot, robot_of_arm, tool_of_arm
 from qrobot.cli.console import note
 from qrobot.cli.program_settings import settings_of
 from qrobot.cli.run_film import film_log, filmed
+from qrobot.cli.servo_settings import check_law, servo_settings
 from qrobot.config import deployment_path, robot_path
 from qrobot.config.deployment import DeployedArm
 from qrobot.config.scene import SceneKind

@@ -17,11 +17,11 @@ from qrobot.cli.arms import (
     choose_arm,
     controlled_robot,
     neighbours_of_arm,
-    servo_settings,
     tool_of_arm,
 )
 from qrobot.cli.console import SUCCESS, note
 from qrobot.cli.option_types import RateHz
+from qrobot.cli.servo_settings import servo_settings
 from qrobot.config.deployment import DeployedArm, Interpolation, Velocity, guardian_objection
 from qrobot.errors import ConfigError
 from qrobot.realtime.lasting_folder import lasting_advice

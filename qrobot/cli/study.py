@@ -121,7 +121,7 @@ def gains(
     damping
         Factors on Kv beside.
     """
-    from qrobot.cli.arms import check_law
+    from qrobot.cli.servo_settings import check_law
     from qrobot.config import load_robot
     from qrobot.study.gains import GainStudy
 

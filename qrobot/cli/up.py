@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import time
-from contextlib import suppress
+from contextlib import closing, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from qrobot.cli.arms import DEFAULT_DEPLOYMENT, neighbours_of_arm, robot_of_arm, servo_settings
+from qrobot.cli.arms import DEFAULT_DEPLOYMENT, neighbours_of_arm, robot_of_arm
 from qrobot.cli.console import SUCCESS, note
 from qrobot.cli.option_types import OutputFolder, checked_folder
 from qrobot.realtime.lasting_folder import lasting_advice
@@ -15,9 +15,10 @@ from qrobot.realtime.runtime_folder import runtime_path
 from qrobot.report import QueuedReport, Report
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
 
     from qrobot.config.deployment import DeployedArm
+    from qrobot.rig.process_starter import ProcessStarter
     from qrobot.rig.processes import ProcessRig
 
 POLL_S = 0.2
@@ -49,18 +50,43 @@ def up(
         Where the processes' messages go, one file each.
     """
     from qrobot.config.deployment import load_deployment
-    from qrobot.rig.deployed import ArmProcesses, require_free_port
-    from qrobot.rig.processes import ProcessRig
+    from qrobot.rig.process_starter import ProcessStarter
 
     arms = load_deployment(deployment).arm
-    for arm in arms:  # what is wrong with the last arm is told before the first one starts
-        robot_of_arm(arm)
-        servo_settings(arm, reduced_speed=reduced_speed)
-        neighbours_of_arm(arm, deployment)
-        require_free_port(arm)
-        if arm.log.directory:
-            checked_folder(Path(arm.log.directory))
-    with QueuedReport(note) as told, ProcessRig(out_dir) as rig:  # no line may keep the processes from being ended
+    with closing(ProcessStarter()) as starter:
+        starter.begin()  # it imports what the processes need, while this process imports what it needs itself
+        for arm in arms:  # what is wrong with the last arm is told before the first one starts
+            _check(arm, deployment, reduced_speed)
+        _run(deployment, arms, starter, out_dir, calibrate, reduced_speed)
+    return SUCCESS
+
+
+def _check(arm: DeployedArm, deployment: str, reduced_speed: bool) -> None:
+    """Raise a QRobotError where an arm could not be started."""
+    from qrobot.cli.servo_settings import servo_settings  # kernels: half a second
+    from qrobot.rig.deployed import require_free_port
+
+    robot_of_arm(arm)
+    servo_settings(arm, reduced_speed=reduced_speed)
+    neighbours_of_arm(arm, deployment)
+    require_free_port(arm)
+    if arm.log.directory:
+        checked_folder(Path(arm.log.directory))
+
+
+def _run(
+    deployment: str,
+    arms: Sequence[DeployedArm],
+    starter: ProcessStarter,
+    out_dir: Path,
+    calibrate: bool,
+    reduced_speed: bool,
+) -> None:
+    """Start all arms, watch them until Ctrl-C, end them."""
+    from qrobot.rig.deployed import ArmProcesses
+    from qrobot.rig.processes import ProcessRig
+
+    with QueuedReport(note) as told, ProcessRig(out_dir, starter) as rig:  # no line may keep them from being ended
         look = _looks(rig, told)
         if advice := lasting_advice(runtime_path()):
             told(advice)
@@ -74,7 +100,6 @@ def up(
         with suppress(KeyboardInterrupt):
             _watch(look)
         told("stopping")
-    return SUCCESS
 
 
 def _calibrate(arm: DeployedArm, told: Report, look: Callable[[], None]) -> None:

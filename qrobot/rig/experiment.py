@@ -35,7 +35,7 @@ from qrobot.rig.deployed import ArmProcesses
 from qrobot.rig.lockstep import LockstepRig, link_factory
 from qrobot.servo.kernels.interpolation_polynomials import DEFAULT_FORM
 from qrobot.servo.kernels.velocity import DEFAULT_ESTIMATOR
-from qrobot.servo.laws import DEFAULT_LAW, law_label
+from qrobot.servo.laws.names import DEFAULT_LAW, law_label
 from qrobot.servo.memory.telemetry import Rows, sampled
 from qrobot.servo.settings import ServoSettings
 from qrobot.sim_board.emulator import Emulator

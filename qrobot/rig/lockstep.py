@@ -25,11 +25,12 @@ from qrobot.rccl_bridge.settings import BridgeSettings
 from qrobot.rci import VirtualLink
 from qrobot.realtime.flat_record import block_of
 from qrobot.realtime.jit import lean_kernel
-from qrobot.servo.laws import law_label
+from qrobot.servo.laws.names import law_label
 from qrobot.servo.laws.trial_process import tried_law
-from qrobot.servo.memory.law_history import LawInForce, settings_text
+from qrobot.servo.memory.law_history import LawInForce
 from qrobot.servo.memory.mailbox import ServoMailbox
 from qrobot.servo.memory.servo_memory import describe_analog_outputs, local_servo_memory
+from qrobot.servo.memory.settings_text import settings_text
 from qrobot.servo.memory.telemetry import Rows, TelemetryReader
 from qrobot.servo.parameters import ServoParameters, servo_parameters
 from qrobot.servo.process.loop import one_cycle

@@ -29,18 +29,23 @@ Started = ForkedProcess | subprocess.Popen[bytes]
 
 
 class ProcessStarter:
-    """Starts processes in sessions of their own, without input. It has a fork server from the first one to `close`."""
+    """Starts processes in sessions of their own, without input. It has a fork server from `begin` to `close`."""
 
     def __init__(self) -> None:
         self._forks: ForkServer | None = None
 
-    def prepare(self) -> None:
-        """Wait until processes can be started at once. A KeyboardInterrupt may come in between."""
+    def begin(self) -> ForkServer:
+        """Start the fork server, if there is none, and do not wait for what it imports."""
         if self._forks is None:
             self._forks = ForkServer(f"{PROGRAM}.cli.main:main", PREPARATIONS)
+        return self._forks
+
+    def prepare(self) -> None:
+        """Wait until processes can be started at once. A KeyboardInterrupt may come in between."""
+        forks = self.begin()
         try:
             with suppress(LinkLost):
-                self._forks.wait_ready()
+                forks.wait_ready()
         except BaseException:  # its answer may have been lost
             self.close()
             raise

@@ -120,8 +120,8 @@ class ProcessRig:
         self._outputs: dict[str, IO[bytes]] = {}
         self._interrupted = contextlib.ExitStack()
         self._supervision = Supervision()
-        self._own_starter = ProcessStarter()
-        self._starter = starter or self._own_starter
+        self._starter = starter or ProcessStarter()
+        self._owns_starter = starter is None
         directory.mkdir(parents=True, exist_ok=True)
 
     def start(self, *plans: ProcessPlan) -> None:
@@ -178,7 +178,8 @@ class ProcessRig:
             child.end()
             discard_dead(child.name)  # of one that was killed: its memory has its name
         self._supervision.close()
-        self._own_starter.close()
+        if self._owns_starter:
+            self._starter.close()
         for file in self._outputs.values():
             file.close()
 

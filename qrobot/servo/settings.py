@@ -16,13 +16,14 @@ from qrobot.servo.analog_lines import AnalogWire
 from qrobot.servo.calibration.table import CalibrationTable
 from qrobot.servo.kernels.interpolation_polynomials import DEFAULT_FORM, find_form
 from qrobot.servo.kernels.velocity import DEFAULT_ESTIMATOR, find_estimator
-from qrobot.servo.laws import DEFAULT_LAW, check_law_name, find_law
 from qrobot.servo.laws.law import Law
+from qrobot.servo.laws.names import DEFAULT_LAW, check_law_name
+from qrobot.servo.laws.shipped import find_law
 from qrobot.servo.neighbour import Neighbour
 from qrobot.servo.output_lines import OutputWire
+from qrobot.servo.rates import HIGHEST_RATE_HZ, LOWEST_RATE_HZ
 from qrobot.units import NS_PER_S
 
-LOWEST_RATE_HZ, HIGHEST_RATE_HZ = 50.0, 10_000.0  # [A] whether a machine keeps a rate is found out at start
 FASTEST_TOOL_M_S, LONGEST_TOOL_M = 10.0, 2.0  # [A] beyond these somebody meant another unit
 
 

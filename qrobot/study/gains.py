@@ -11,8 +11,8 @@ from qrobot.errors import ConfigError, ServoFault
 from qrobot.faultcodes import explain
 from qrobot.rig.perturbed_arm import PerturbedArm
 from qrobot.servo.kernels.velocity import DEFAULT_ESTIMATOR, find_estimator
-from qrobot.servo.laws import DEFAULT_LAW, check_law_name
-from qrobot.servo.laws.file import is_file_law, law_digest
+from qrobot.servo.laws.file import law_digest
+from qrobot.servo.laws.names import DEFAULT_LAW, check_law_name, is_file_law
 from qrobot.servo.settings import ServoSettings
 from qrobot.study.study import ArmResult, Study, kept
 from qrobot.study.tracking_run import track_experiment

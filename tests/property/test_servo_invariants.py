@@ -16,8 +16,8 @@ from qrobot.hwif.registers import DAC_ZERO, DISCRETE, DISCRETE_HAND_CLOSE, DISCR
 from qrobot.modecodes import Mode
 from qrobot.servo.kernels.interpolation_polynomials import FORMS
 from qrobot.servo.kernels.velocity import ESTIMATORS
-from qrobot.servo.laws import LAWS
 from qrobot.servo.laws.law import law
+from qrobot.servo.laws.shipped import LAWS
 from qrobot.servo.memory.setpoint_queue import TORQUE_SETPOINT
 from qrobot.servo.modes import gives_torque, may_follow, wants_power
 from tests.support.servo_bench import Program, ServoBench, cruise

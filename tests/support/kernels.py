@@ -16,7 +16,7 @@ from qrobot.hwif.board_memory import local_board_memory
 from qrobot.rci import VirtualLink
 from qrobot.rig.compile_ahead import compile_parts
 from qrobot.rig.lockstep import LockstepRig
-from qrobot.servo.laws import LAWS, find_law
+from qrobot.servo.laws.shipped import LAWS, find_law
 from qrobot.servo.laws.trial import prove_finite
 from qrobot.servo.process import daemon, guardian
 from qrobot.servo.settings import ServoSettings

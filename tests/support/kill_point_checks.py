@@ -16,8 +16,8 @@ from qrobot.hwif.board_memory import Lane
 from qrobot.hwif.lanes import discard_operations
 from qrobot.modecodes import Mode
 from qrobot.realtime.jit import jit_disabled
-from qrobot.servo.laws import find_law
 from qrobot.servo.laws.law_swap import SWAPPED, ask_for_law, maybe_swap_result
+from qrobot.servo.laws.shipped import find_law
 from qrobot.servo.output_lines import OutputWire
 from qrobot.servo.process.guardian import TRIPPED
 from qrobot.servo.settings import Overrun

@@ -38,8 +38,8 @@ from qrobot.hwif.registers import (
 from qrobot.modecodes import Mode
 from qrobot.realtime.structure import view_words
 from qrobot.servo.analog_lines import AnalogWire
-from qrobot.servo.laws import find_law
 from qrobot.servo.laws.law import Law
+from qrobot.servo.laws.shipped import find_law
 from qrobot.servo.memory.mailbox import ServoMailbox
 from qrobot.servo.memory.published_state import ServoSnapshot
 from qrobot.servo.memory.servo_memory import local_servo_memory

@@ -59,8 +59,9 @@ from qrobot.arcl import (
 )
 from qrobot.arcl.robot import ArclRobot
 from qrobot.arcl.stream import RecordKind, Stream, cartesian_table, read_stream
-from qrobot.cli.arms import choose_arm, servo_settings
+from qrobot.cli.arms import choose_arm
 from qrobot.cli.run import machine_of
+from qrobot.cli.servo_settings import servo_settings
 from qrobot.cli.teach_pendant import teach_by_keys, terminal_pendant
 from qrobot.errors import ConfigError, LinkBusy, LinkError, MotionError, ServoFault
 from qrobot.hwif.modbus.device import ModbusDevice

@@ -29,7 +29,7 @@ from qrobot.cli.main import COMMANDS
 for command in COMMANDS:
     importlib.import_module(command.target.partition(":")[0])
 from qrobot.config import load_robot
-from qrobot.servo.laws import find_law
+from qrobot.servo.laws.shipped import find_law
 find_law("qrobot", load_robot("puma560"))
 """
 

@@ -12,9 +12,10 @@ import pytest
 
 from qrobot import rccl, rci
 from qrobot.arcl import arcl_close, arcl_collision, arcl_open, arcl_setload, arcl_wait
-from qrobot.cli.arms import choose_arm, servo_settings
+from qrobot.cli.arms import choose_arm
 from qrobot.cli.console import run_app
 from qrobot.cli.main import make_app
+from qrobot.cli.servo_settings import servo_settings
 from qrobot.errors import MotionError, ServoFault
 from qrobot.faultcodes import FaultCode
 from qrobot.hwif.registers import DAC_COUNTS_PER_VOLT, DAC_ZERO

@@ -117,7 +117,7 @@ def _tried(question: Question) -> tuple[dict[str, Any], bytes]:
 
 
 def _tried_as_python(question: Question) -> tuple[dict[str, Any], bytes]:
-    from qrobot.servo.laws import find_law
+    from qrobot.servo.laws.shipped import find_law
     from qrobot.servo.laws.trial import prove_harmless
 
     with _at_most(signal.ITIMER_VIRTUAL, LOAD_S):
@@ -130,9 +130,9 @@ def _tried_as_code(question: Question) -> tuple[dict[str, Any], bytes]:
     from numba.core.errors import NumbaError
 
     from qrobot.realtime.machine_code import compile_for_export
-    from qrobot.servo.laws import find_law
     from qrobot.servo.laws.law import LAW_SIGNATURE, without_advice
     from qrobot.servo.laws.machine_code_law import LoadedLaw
+    from qrobot.servo.laws.shipped import find_law
     from qrobot.servo.laws.trial import prove, prove_harmless
 
     with _at_most(signal.ITIMER_VIRTUAL, LOAD_S):

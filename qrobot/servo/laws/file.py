@@ -15,17 +15,7 @@ from qrobot.errors import ConfigError, error_text
 from qrobot.realtime.source_digest import forget_stamps
 from qrobot.servo.laws.casadi_law import CasadiLaw
 from qrobot.servo.laws.law import Law
-
-
-def is_file_law(name: str) -> bool:
-    """True when it names a file, not a shipped law."""
-    return split_name(name)[0].endswith(".py")
-
-
-def split_name(name: str) -> tuple[str, str]:
-    """Path and name of the law, "" when there is none."""
-    path, colon, law = name.rpartition(":")
-    return (path, law) if colon else (law, "")
+from qrobot.servo.laws.names import split_name
 
 
 def law_digest(name: str) -> str:

@@ -24,11 +24,11 @@ from qrobot.errors import CodegenError, ConfigError, LinkLost
 from qrobot.realtime.deadline import Deadline
 from qrobot.realtime.jit import jit_disabled
 from qrobot.realtime.machine_code import MachineCode
-from qrobot.servo.laws import find_law
 from qrobot.servo.laws.checker import LOAD_S, LOAD_SIGNAL, TRIAL_S, TRIAL_SIGNAL, Question
-from qrobot.servo.laws.file import is_file_law
 from qrobot.servo.laws.law import Law, Setting
 from qrobot.servo.laws.machine_code_law import LoadedLaw
+from qrobot.servo.laws.names import is_file_law
+from qrobot.servo.laws.shipped import find_law
 from qrobot.servo.laws.trial import prove, prove_finite
 
 PATIENCE_S: Final = 240.0  # [A] of the wall clock: a law that sleeps computes nothing

@@ -8,7 +8,7 @@ seen by the main thread a little later than by the loop.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -17,11 +17,11 @@ import numpy as np
 from qrobot.arrays import Words
 from qrobot.printable import printable
 from qrobot.realtime.jit import lean_kernel
+from qrobot.servo.memory.settings_text import SETTINGS_BYTES
 from qrobot.servo.memory.telemetry import append_row, copy_rows, head_row, oldest_row, ring_words
 
 ENTRIES: Final = 64  # a power of two; the oldest gives way
 LAW_BYTES: Final = 64
-SETTINGS_BYTES: Final = 512
 SIGNALS_BYTES: Final = 256
 
 
@@ -51,12 +51,6 @@ class LawInForce:
     def told(self) -> str:
         """Law and settings, for people."""
         return f"{self.law} ({self.settings})" if self.settings else self.law
-
-
-def settings_text(settings: Mapping[str, float]) -> str:
-    """Settings of a law in one line that an entry has room for."""
-    text = " ".join(f"{name}={value:g}" for name, value in settings.items())
-    return text.encode()[:SETTINGS_BYTES].decode(errors="ignore")
 
 
 def journal_words(n: int) -> int:

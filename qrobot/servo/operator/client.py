@@ -12,7 +12,6 @@ from typing import Final
 from qrobot.errors import LinkError, LinkLost, LinkTimeout, QRobotError
 from qrobot.realtime.deadline import Deadline, sleep_between_looks
 from qrobot.realtime.runtime_folder import runtime_path
-from qrobot.servo.memory.servo_memory import attach_servo_memory
 from qrobot.servo.operator.messages import (
     MAX_LINE_BYTES,
     Calibrate,
@@ -61,6 +60,8 @@ def _nobody(arm: str) -> str:
 def _silence(arm: str) -> str:
     """Sentence about a servo that hangs, with what its guardian has done meanwhile."""
     told = f"the servo of {arm} does not answer"
+    from qrobot.servo.memory.servo_memory import attach_servo_memory  # its layout rests on kernels: half a second
+
     with suppress(LinkError), attach_servo_memory(arm) as memory:
         if memory.front.guardian.takeover:
             return f"{told}; its guardian has taken torque and power away"

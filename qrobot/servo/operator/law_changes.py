@@ -10,7 +10,6 @@ import numpy as np
 
 from qrobot.errors import LinkError, LinkLost, QRobotError
 from qrobot.modecodes import Mode
-from qrobot.servo.laws import law_label
 from qrobot.servo.laws.law import KP, KV, M0, Law
 from qrobot.servo.laws.law_swap import (
     NO_TORQUE,
@@ -21,11 +20,13 @@ from qrobot.servo.laws.law_swap import (
     ask_for_settings,
     maybe_swap_result,
 )
+from qrobot.servo.laws.names import law_label
 from qrobot.servo.laws.stability import check_gains
 from qrobot.servo.laws.trial_process import tried_law
-from qrobot.servo.memory.law_history import LawInForce, settings_text, write_entry
+from qrobot.servo.memory.law_history import LawInForce, write_entry
 from qrobot.servo.memory.published_state import ServoSnapshot
 from qrobot.servo.memory.servo_memory import describe_law, journal_base
+from qrobot.servo.memory.settings_text import settings_text
 from qrobot.servo.modes import mode_name
 from qrobot.servo.operator.controlled import Controlled
 from qrobot.servo.operator.gain_rows import Matrix, changed_gains

@@ -40,9 +40,9 @@ from qrobot.realtime.shared_memory import segment_path
 from qrobot.realtime.signals import ending_signals, handled, interrupted_by_sigterm
 from qrobot.realtime.startup_order import await_turn, turn_is_awaited
 from qrobot.report import QueuedReport, Report
-from qrobot.servo.laws import law_label
 from qrobot.servo.laws.law import Law
 from qrobot.servo.laws.law_swap import SwapState
+from qrobot.servo.laws.names import law_label
 from qrobot.servo.laws.stability import check_gains
 from qrobot.servo.laws.trial_process import tried_law
 from qrobot.servo.memory.commander_lock import Authority

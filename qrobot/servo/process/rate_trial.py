@@ -13,8 +13,8 @@ from qrobot.hwif.board_memory import local_board_memory
 from qrobot.hwif.isa.card import NO_CARD, make_card
 from qrobot.realtime.machine import throttled_to
 from qrobot.realtime.setup import SetupStep, hold_dma_latency, prepare_loop_thread
-from qrobot.servo.laws import law_label
 from qrobot.servo.laws.law import Law
+from qrobot.servo.laws.names import law_label
 from qrobot.servo.memory.mailbox import ServoMailbox
 from qrobot.servo.memory.servo_memory import local_servo_memory
 from qrobot.servo.memory.telemetry import Rows, TelemetryReader

@@ -94,10 +94,20 @@ def test_a_command_is_imported_without_a_look_for_garbage_and_then_garbage_is_lo
     found = python(
         "import gc, sys; from qrobot.cli.main import import_command\n"
         "looks = lambda: sum(generation['collections'] for generation in gc.get_stats())\n"
-        "before = looks(); import_command('guardian'); looked = looks() - before\n"
+        "before = looks(); import_command('servo'); looked = looks() - before\n"
         "print('numba' in sys.modules, looked, gc.isenabled(), gc.get_freeze_count() > len(sys.modules))"
     )
     assert found.stdout.split() == ["True", "0", "True", "True"], found.stderr
+
+
+def test_an_operators_command_waits_for_no_compiler() -> None:
+    commands = ("ctl", "run", "jog", "teach", "guide", "up", "log", "calibrate", "inject", "pendant", "cc", "val")
+    found = python(
+        "import sys; from qrobot.cli.main import import_command\n"
+        f"for name in {commands}: import_command(name)\n"
+        f"print([name for name in {HEAVY} if name in sys.modules])"
+    )
+    assert found.stdout.strip() == "['numpy', 'pydantic']", found.stderr
 
 
 def test_a_program_that_draws_nothing_waits_for_no_library_that_draws() -> None:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from qrobot.cli.arms import overrun_of, servo_settings
+from qrobot.cli.servo_settings import overrun_of, servo_settings
 from qrobot.config import Deployment, load_deployment, load_robot
 from qrobot.errors import ConfigError
 from qrobot.servo.settings import COUNTED_ONLY, Overrun

@@ -11,7 +11,7 @@ import can
 import pytest
 from pydantic import ValidationError
 
-from qrobot.cli.arms import servo_settings
+from qrobot.cli.servo_settings import servo_settings
 from qrobot.config import load_deployment
 from qrobot.config.can_sensor import CanSensor, CanSignal
 from qrobot.errors import ConfigError, LinkError

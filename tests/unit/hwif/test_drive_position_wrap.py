@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from qrobot.cli.arms import check_drives
+from qrobot.cli.servo_settings import check_drives
 from qrobot.config import load_robot
 from qrobot.config.deployment import load_deployment
 from qrobot.config.drives import DrivesTransport

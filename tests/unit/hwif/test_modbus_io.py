@@ -13,7 +13,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from qrobot.cli.arms import servo_settings
+from qrobot.cli.servo_settings import servo_settings
 from qrobot.config import load_deployment
 from qrobot.config.modbus_io import ModbusIo
 from qrobot.errors import ConfigError, LinkError

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from qrobot.arrays import Floats
-from qrobot.cli.arms import servo_settings
 from qrobot.cli.board import board, run_gateway
+from qrobot.cli.servo_settings import servo_settings
 from qrobot.config import Deployment, load_deployment, load_robot
 from qrobot.config.deployment import DeployedArm
 from qrobot.errors import ConfigError, LinkError

@@ -10,8 +10,8 @@ import pytest
 from qrobot.config import load_robot
 from qrobot.model.dynamics import dynamics_params, dynamics_work, gravity_torque, inverse_dynamics, with_payload
 from qrobot.model.payload_judge import HOLDING_SHARE, PayloadJudge
-from qrobot.servo.laws import find_law
 from qrobot.servo.laws.law import KP, KV, M0
+from qrobot.servo.laws.shipped import find_law
 from qrobot.servo.stages.payload import RAMP_S
 from qrobot.wire import Payload
 from tests.support.puma import ROBOT

@@ -16,7 +16,7 @@ from qrobot.config.robot import Robot
 from qrobot.extras import EXTRAS
 from qrobot.faultcodes import FaultCode, explain
 from qrobot.motion.event import Termination
-from qrobot.servo.laws import LAWS
+from qrobot.servo.laws.shipped import LAWS
 from qrobot.servo.modes import StopCategory
 from qrobot.servo.operator.messages import OperatorRequest
 from qrobot.servo.stop_categories import stop_category

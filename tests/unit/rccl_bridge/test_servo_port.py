@@ -12,7 +12,7 @@ import pytest
 from qrobot.rccl_bridge.servo_interface import SetpointFrame
 from qrobot.rccl_bridge.servo_port import STALE_NS, STALLED_NS, ServoPort
 from qrobot.servo.memory.servo_memory import ServoFront, create_servo_memory
-from qrobot.servo.settings import LOWEST_RATE_HZ
+from qrobot.servo.rates import LOWEST_RATE_HZ
 from qrobot.units import NS_PER_S
 
 

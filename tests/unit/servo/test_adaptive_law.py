@@ -9,9 +9,9 @@ from qrobot.codegen.load import FRICTION_DOUBT, LIKELY_KG, LIKELY_M, MOVES, TORQ
 from qrobot.config import load_robot
 from qrobot.ident.regressor import gravity_regressor
 from qrobot.model.dynamics import dynamics_params, dynamics_work, inverse_dynamics
-from qrobot.servo.laws import find_law
 from qrobot.servo.laws.adaptive import APPLIED, LOAD, SPREAD, SUMS
 from qrobot.servo.laws.law import MEMORY_WORDS
+from qrobot.servo.laws.shipped import find_law
 from tests.unit.servo.test_law import call
 
 ROBOT = load_robot("puma560")

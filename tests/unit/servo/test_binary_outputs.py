@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from qrobot.cli.arms import servo_settings
+from qrobot.cli.servo_settings import servo_settings
 from qrobot.config import load_deployment
 from qrobot.config.outputs import N_OUTPUTS
 from qrobot.errors import ConfigError, MotionError

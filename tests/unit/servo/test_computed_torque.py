@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from qrobot.config import load_robot
 from qrobot.model.dynamics import dynamics_params, dynamics_work, inverse_dynamics
 from qrobot.realtime.jit import lean_kernel
-from qrobot.servo.laws import find_law
 from qrobot.servo.laws.law import KP, KV, M0, Law
+from qrobot.servo.laws.shipped import find_law
 from tests.unit.servo.test_law import call
 
 ROBOT = load_robot("puma560")

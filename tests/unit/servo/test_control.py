@@ -34,9 +34,9 @@ from qrobot.realtime.page_faults import FaultWatch
 from qrobot.realtime.structure import view_words
 from qrobot.report import QueuedReport
 from qrobot.servo.calibration.state import IMPLAUSIBLE, UNJUDGED
-from qrobot.servo.laws import LAWS, find_law
 from qrobot.servo.laws.law import KP, KV, Law
 from qrobot.servo.laws.law_swap import SwapState
+from qrobot.servo.laws.shipped import LAWS, find_law
 from qrobot.servo.memory import mailbox as mailbox_module
 from qrobot.servo.memory.commander_lock import Authority
 from qrobot.servo.memory.law_history import JournalReader

@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 
 from qrobot.config import load_robot
 from qrobot.model.arm import Arm
-from qrobot.servo.laws import find_law
 from qrobot.servo.laws.force import ADVANCE, CORRECTION, N_KEPT, N_TOLD, PRESSED, TIME, ZERO
 from qrobot.servo.laws.law import MEMORY_WORDS, SIGNALS_AT
+from qrobot.servo.laws.shipped import find_law
 from tests.unit.servo.test_law import call
 
 ROBOT = load_robot("puma560")

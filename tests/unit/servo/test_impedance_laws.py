@@ -17,11 +17,11 @@ from qrobot.modecodes import Mode
 from qrobot.model.arm import Arm
 from qrobot.rig.lockstep import LockstepRig
 from qrobot.servo.calibration.table import load_table
-from qrobot.servo.laws import find_law
 from qrobot.servo.laws.impedance import RAMP_S
 from qrobot.servo.laws.impedance_feedback import joint_feedback, tip_jacobians
 from qrobot.servo.laws.law import MEMORY_WORDS, Law
 from qrobot.servo.laws.law_swap import ask_for_settings
+from qrobot.servo.laws.shipped import find_law
 from qrobot.servo.laws.stability import check_gains
 from qrobot.servo.settings import ServoSettings
 from qrobot.sim_board.emulator import Emulator

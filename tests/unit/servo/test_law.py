@@ -13,8 +13,9 @@ from qrobot.config import load_robot
 from qrobot.errors import ConfigError
 from qrobot.modecodes import Mode
 from qrobot.realtime.jit import jit_disabled
-from qrobot.servo.laws import DEFAULT_LAW, LAWS, find_law, law_label
 from qrobot.servo.laws.law import KP, KV, MEMORY_WORDS, N_GAINS, Law, Setting, law
+from qrobot.servo.laws.names import DEFAULT_LAW, SHIPPED_LAWS, law_label
+from qrobot.servo.laws.shipped import LAWS, find_law
 from tests.support.bench_blocks import cycle_of_blocks
 from tests.support.servo_bench import ServoBench, moving
 
@@ -111,6 +112,10 @@ def test_a_users_law_runs_in_the_cycle_and_has_a_memory_that_power_up_wipes() ->
     bench.run(0.1)
     bench.hold()
     np.testing.assert_allclose(bench.state.memory[:6], bench.snapshot.q, atol=1e-12)
+
+
+def test_every_name_of_a_shipped_law_has_its_law_and_every_law_its_name() -> None:
+    assert tuple(LAWS) == SHIPPED_LAWS
 
 
 def test_all_laws_share_one_compiled_cycle() -> None:

@@ -13,8 +13,8 @@ import pytest
 from qrobot.config import load_robot
 from qrobot.errors import ConfigError
 from qrobot.realtime.jit import jit_disabled
-from qrobot.servo.laws import find_law
 from qrobot.servo.laws.law import MEMORY_WORDS, Law
+from qrobot.servo.laws.shipped import find_law
 from qrobot.servo.laws.trial import prove, prove_finite, prove_harmless
 from qrobot.servo.laws.trial_process import tried_law
 from tests.support.servo_bench import ServoBench

@@ -28,9 +28,9 @@ from qrobot.servo.memory.law_history import (
     JournalReader,
     LawInForce,
     journal_words,
-    settings_text,
     write_entry,
 )
+from qrobot.servo.memory.settings_text import settings_text
 from tests.support.log_samples import PERIOD_NS, START_NS, Ring, make_header, make_rows
 
 BASE = 16

@@ -13,7 +13,7 @@ from qrobot.config import load_robot
 from qrobot.config.deployment import ServoChoice
 from qrobot.modecodes import Mode
 from qrobot.rig.lockstep import LockstepRig
-from qrobot.servo.laws import find_law
+from qrobot.servo.laws.shipped import find_law
 from qrobot.servo.laws.trial import prove
 from qrobot.servo.settings import ServoSettings
 from qrobot.sim_board.emulator import Emulator

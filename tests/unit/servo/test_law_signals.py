@@ -17,8 +17,8 @@ from qrobot.log.plot import figures_of
 from qrobot.log.read import read_log
 from qrobot.log.record import write_log
 from qrobot.log.summary import sensed
-from qrobot.servo.laws import find_law
 from qrobot.servo.laws.law import KP, KV, SIGNALS_AT, Law, Setting, law
+from qrobot.servo.laws.shipped import find_law
 from qrobot.servo.laws.trial_process import tried_law
 from qrobot.servo.memory.law_history import JournalReader, LawInForce, journal_words, write_entry
 from qrobot.wire.vocabulary import LONGEST_SIGNAL, N_SIGNALS

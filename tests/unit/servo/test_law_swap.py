@@ -14,9 +14,9 @@ from qrobot.config import load_robot
 from qrobot.faultcodes import FaultCode
 from qrobot.modecodes import Mode
 from qrobot.rig.lockstep import LockstepRig
-from qrobot.servo.laws import LAWS, find_law
 from qrobot.servo.laws.law import KP, KV, Law, law
 from qrobot.servo.laws.law_swap import FADE_S, NO_TORQUE, NOT_NOW, SWAPPED, ask_for_law, fade_bias, maybe_swap_result
+from qrobot.servo.laws.shipped import LAWS, find_law
 from qrobot.servo.settings import ServoSettings
 from qrobot.sim_board.emulator import Emulator
 from tests.support.servo_bench import ServoBench, moving

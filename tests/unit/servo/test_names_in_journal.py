@@ -14,9 +14,9 @@ from qrobot.errors import LinkError, QRobotError
 from qrobot.log.events import log_events
 from qrobot.log.read import Log, read_log
 from qrobot.log.record import write_log
-from qrobot.servo.laws import find_law
 from qrobot.servo.laws.law import Law, Setting
 from qrobot.servo.laws.law_swap import NOT_NOW, SwapState, fall_back
+from qrobot.servo.laws.shipped import find_law
 from qrobot.servo.memory.law_history import JournalReader
 from qrobot.servo.memory.mailbox import ServoMailbox
 from qrobot.servo.memory.servo_memory import journal_base

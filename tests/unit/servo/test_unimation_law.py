@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from qrobot.config import load_robot
-from qrobot.servo.laws import find_law
 from qrobot.servo.laws.law import MEMORY_WORDS
+from qrobot.servo.laws.shipped import find_law
 from tests.unit.servo.test_law import call
 
 ROBOT = load_robot("puma560")

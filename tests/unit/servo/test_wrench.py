@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from qrobot.cli.arms import force_calibration_of
+from qrobot.cli.servo_settings import force_calibration_of
 from qrobot.config.deployment import DeployedArm, load_deployment
 from qrobot.config.force_calibration import ForceCalibration, calibration_of_emulated
 from qrobot.config.scene import FORCE_AXES, ForceSensor, Scene
