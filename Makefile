@@ -16,7 +16,7 @@ unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help demo test machines lint kernels rewritten unit virtual realtime shared alone bench docs clean
+.PHONY: help demo test thorough machines lint kernels rewritten unit virtual realtime shared alone bench docs clean
 
 help: ## list the targets
 	@sed -n 's/^\([a-z]*\):.*## \(.*\)/  make \1	\2/p' Makefile | expand -t 16
@@ -28,6 +28,12 @@ test: $(VENV)/dev.stamp ## all checks: lint, then the test suite
 	@$(MAKE) --no-print-directory -j 2 lint kernels rewritten
 	@$(MAKE) --no-print-directory unit
 	@echo "make test: every check has passed"
+
+# Tests marked `thorough` are wide and long forms of what others show: every change is tested without them.
+thorough: $(VENV)/dev.stamp ## make test, with the wide and long forms of its tests too (half an hour)
+	@$(MAKE) --no-print-directory test LEFT_OUT=
+
+LEFT_OUT := and not thorough
 
 # A test on the wall clock may be run again so often: `make test RERUNS=0` for not at all.
 RERUNS ?= 2
@@ -52,12 +58,12 @@ unit: $(VENV)/dev.stamp
 	@$(MAKE) --no-print-directory -j 3 shared alone virtual
 
 virtual: $(VENV)/dev.stamp
-	$(IDLE) $(BIN)/python -m pytest -m "not realtime" --numprocesses $(WORKERS) --dist loadfile --no-loadscope-reorder --max-worker-restart 0
+	$(IDLE) $(BIN)/python -m pytest -m "not realtime $(LEFT_OUT)" --numprocesses $(WORKERS) --dist loadfile --no-loadscope-reorder --max-worker-restart 0
 
 shared: SHARES := and shared_arm
 alone: SHARES := and not shared_arm
 shared alone: $(VENV)/dev.stamp
-	@$(BIN)/python -m pytest -m "realtime $(SHARES)" > $(VENV)/$@.txt 2>&1; status=$$?; cat $(VENV)/$@.txt; exit $$status
+	@$(BIN)/python -m pytest -m "realtime $(SHARES) $(LEFT_OUT)" > $(VENV)/$@.txt 2>&1; status=$$?; cat $(VENV)/$@.txt; exit $$status
 
 realtime: $(VENV)/dev.stamp
 	@$(MAKE) --no-print-directory -j 2 shared alone

@@ -6,20 +6,24 @@ from typing import Final, NamedTuple
 
 
 class Extra(NamedTuple):
-    """A name for `pip install 'qrobot[name]'`, and what works with it alone."""
+    """A name for `pip install 'qrobot[name]'`, and what works with it alone.
+
+    `distribution` is what brings it, "" where that is called as the module.
+    """
 
     name: str
     purpose: str
+    distribution: str = ""
 
 
 # By the name of the module that is imported.
 EXTRAS: Final = {
     "casadi": Extra("models", "identification, the contact-free plant, and laws written as expressions"),
-    "mujoco": Extra("emulator", "the emulated arm"),
+    "mujoco": Extra("emulator", "the emulated arm", "mujoco-core"),
     "matplotlib": Extra("figures", "figures"),
     "pyarrow": Extra("logs", "Parquet files"),
     "pymodbus": Extra("modbus", "Modbus"),
-    "can": Extra("can", "CAN"),
+    "can": Extra("can", "CAN", "python-can"),
     "canopen": Extra("can", "CAN"),
     "lark": Extra("val", "programs in VAL II"),
     "prompt_toolkit": Extra("val", "the monitor of VAL II"),
@@ -27,7 +31,7 @@ EXTRAS: Final = {
     "fastapi": Extra("pendant", "the pendant in a browser"),
     "uvicorn": Extra("pendant", "the pendant in a browser"),
     "evdev": Extra("gamepad", "a gamepad or a SpaceMouse"),
-    "zenoh": Extra("hosts", "processors of RCI on other hosts"),
+    "zenoh": Extra("hosts", "processors of RCI on other hosts", "eclipse-zenoh"),
     "distributed": Extra("study", "campaigns on a Dask scheduler"),
 }
 

@@ -17,6 +17,7 @@ from hypothesis.internal.conjecture import providers
 
 from tests.support import clocks
 from tests.support.patience import PATIENCE_S
+from tests.support.thorough import mark_thorough
 from tests.support.turns import turn
 
 # Before anything of ours is imported, which may keep a clock under a name of its own.
@@ -56,7 +57,9 @@ def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool 
     return True if b"mark.realtime" not in collection_path.read_bytes() else None
 
 
+@pytest.hookimpl(tryfirst=True)  # before the tests that nobody asked for are left out
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    mark_thorough(items)
     for item in items:
         if RERUNS and item.get_closest_marker("realtime") is not None:
             item.add_marker(pytest.mark.flaky(reruns=RERUNS, reruns_delay=1))

@@ -13,6 +13,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from importlib.metadata import PackageNotFoundError, packages_distributions, version
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Final
 
@@ -66,10 +67,9 @@ def software() -> Iterator[Finding]:
     yield Finding("software", look_at_python(), Weight.NEEDED)
     for name in LIBRARIES:
         yield Finding("software", look_at_library(name, "pip install qrobot"), Weight.NEEDED)
-    distributions = packages_distributions()  # some are called differently from their module
     for module, extra in EXTRAS.items():
         remedy = f"pip install 'qrobot[{extra.name}]' for {extra.purpose}"
-        yield Finding("software", look_at_library(distributions.get(module, [module])[0], remedy), Weight.OPTIONAL)
+        yield Finding("software", look_at_extra(module, extra.distribution or module, remedy), Weight.OPTIONAL)
     yield Finding("software", look_at_compile_cache(), Weight.OPTIONAL)
 
 
@@ -86,6 +86,14 @@ def look_at_library(name: str, remedy: str) -> SetupStep:
         return SetupStep(name, True, version(name))
     except PackageNotFoundError:
         return SetupStep(name, False, "not installed", remedy)
+
+
+def look_at_extra(module: str, distribution: str, remedy: str) -> SetupStep:
+    """An installed distribution, whatever it is called, if its module can be imported."""
+    step = look_at_library(distribution, remedy)
+    if step.ok or find_spec(module) is None:
+        return step
+    return look_at_library(packages_distributions()[module][0], remedy)  # some seconds: it reads all that is installed
 
 
 def look_at_compile_cache() -> SetupStep:

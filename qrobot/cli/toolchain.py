@@ -61,6 +61,7 @@ _NO_CODE: Final = re.compile(r'/\*.*?\*/|//[^\n]*|"(?:\\.|[^"\\\n])*"', re.DOTAL
 _OF_MANIPULATORS: Final = re.compile(r"\b(?:MANIP(?:_PTR)?|rccl_open|makePosition(?:For)?|trackingMode)\b")
 """Words that only programs of Multi-RCCL have."""
 _INSTRUMENTATION: Final = ("-fsanitize", "-m")
+_SANITIZED: Final = ("-O1", "-fno-omit-frame-pointer")  # with -O2 sanitizers take three times as long to compile
 _NO_LINKING: Final = frozenset(("-c", "-S", "-E", "-M", "-MM", "-fsyntax-only", "--version", "-dumpversion"))
 
 
@@ -147,6 +148,7 @@ def package_file() -> str:
 def library(cc: Sequence[str], arguments: Sequence[str] = (), robots: Sequence[Path] = ()) -> Path:
     """The library for a compiler, instrumented as in `arguments`. Raises ConfigError: it cannot be compiled."""
     flags = [*STRICT, *(word for word in arguments if word.startswith(_INSTRUMENTATION))]
+    flags += _SANITIZED if any(word.startswith("-fsanitize") for word in flags) else ()
     flags += [*_includes(), f"-I{SOURCES}", f'-DQROBOT_PYTHON="{sys.executable}"']
     files = [*robot_files(), *map(robot_path, robots)]
     made = _cache() / _digest([*cc, _answer_of([*cc, "-dumpfullversion", "-dumpversion"]), *flags], files)

@@ -119,8 +119,9 @@ def test_without_that_wish_a_stop_of_the_servo_ends_control_and_a_wish_is_checke
 @pytest.mark.parametrize("end", ["arcl_wait", "arcl_close"])
 @pytest.mark.parametrize("how", ["kept", "paused"])
 def test_on_virtual_time_a_wait_for_an_arm_that_nobody_lets_go_on_ends_with_the_reason(
-    fake: FakeRobot, how: str, end: str
+    fake: FakeRobot, monkeypatch: pytest.MonkeyPatch, how: str, end: str
 ) -> None:
+    monkeypatch.setattr("qrobot.rci.standstill.HELD_S", 12.0)
     rp = arcl_open(ARCL_AMI, "bridge")
     rp.keep_path()
     motions(rp)
@@ -129,7 +130,7 @@ def test_on_virtual_time_a_wait_for_an_arm_that_nobody_lets_go_on_ends_with_the_
     else:
         fake.before_period = lambda seq: fail(fake, "fault") if seq == 40 else None
     reason = "holds its motions itself" if how == "paused" else "FOLLOWING"
-    with pytest.raises(MotionError, match=rf"120 s of virtual time.*resume.*{reason}"):
+    with pytest.raises(MotionError, match=rf"12 s of virtual time.*resume.*{reason}"):
         (arcl_wait if end == "arcl_wait" else arcl_close)(rp)
     with suppress(ServoFault):
         rp.abandon()

@@ -272,6 +272,7 @@ def assert_all_stop_at_one_sample(
     assert all(not np.ptp(list(own.values())[-2:], axis=0).any() for own in sent.values())  # and come to rest
 
 
+@pytest.mark.sampled(8)
 @pytest.mark.parametrize("error", [ValueError(), KeyboardInterrupt(), SystemExit(1)], ids=lambda e: type(e).__name__)
 @pytest.mark.parametrize("program", PROGRAMS)
 def test_all_arms_of_a_program_that_ends_badly_begin_to_stop_at_one_sample(

@@ -368,6 +368,7 @@ BEYOND = (1e6, -9.0, 0.6)  # out of range, out of range, too far away: the servo
 FLAGS = ("power", "clear_fault", "stop", "hold_to_run", "key_held")
 
 
+@pytest.mark.sampled(60)
 @pytest.mark.parametrize("wrong", IMPOSSIBLE + BEYOND)
 @pytest.mark.parametrize("bits", range(1 << len(FLAGS)))
 def test_beside_every_wrong_setpoint_stop_and_power_off_are_obeyed_and_nothing_else_moves(

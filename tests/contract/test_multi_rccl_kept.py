@@ -129,15 +129,16 @@ def test_an_arm_on_a_path_of_its_own_waits_on_it_and_one_that_keeps_no_path_ends
 
 
 def test_on_virtual_time_a_wait_for_arms_of_which_nobody_lets_one_go_back_ends_with_what_has_stopped_it(
-    fakes: dict[str, FakeRobot],
+    fakes: dict[str, FakeRobot], monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr("qrobot.rci.standstill.HELD_S", 12.0)
     arms = [rccl_open(name) for name in NAMES]
     for arm, turn in zip(arms, (40.0, -40.0), strict=True):
         rccl_control(arm)
         keep_path(arm)
         move(arm, jposition(arm, "END", (np.degrees(PARK) + np.array([turn, 0, 0, 0, 0, 0])).tolist()))
     fakes["right"].before_period = lambda seq: fail(fakes["right"], "fault") if seq == 30 else None
-    with pytest.raises(MotionError, match=r"120 s of virtual time.*FOLLOWING"):
+    with pytest.raises(MotionError, match=r"12 s of virtual time.*FOLLOWING"):
         wait_as(lambda: all(arm.completed.count for arm in arms))
     for arm in arms:
         with suppress(ServoFault):

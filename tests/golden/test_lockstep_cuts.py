@@ -133,6 +133,7 @@ def get_going(rig: LockstepRig) -> None:
     assert np.abs(rig.emulator.v).max() > FAST_RAD_S
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("open_transport", [memory, card, modbus, can, torque_drives, position_drives])
 def test_a_transport_cut_in_a_fast_move_stops_the_arm_in_time_and_a_mended_one_needs_no_restart(
     open_transport: Callable[[], AbstractContextManager[Transport]],

@@ -37,6 +37,7 @@ def every(moving: bool, table: bool) -> list[Case]:
     ]
 
 
+@pytest.mark.sampled(18)
 @pytest.mark.parametrize("case", [*every(True, True), *every(False, True)], ids=str)
 def test_a_cable_that_comes_off_costs_the_power_within_five_degrees(case: Case) -> None:
     result = run_case(case)

@@ -91,6 +91,7 @@ CASES = (
 REACTING = pytest.mark.parametrize("case", CASES, ids=lambda case: case.line)
 
 
+@pytest.mark.sampled(40)
 @REACTING
 @RATES
 @PLACES
@@ -239,6 +240,7 @@ MISHAPS = (
 )
 
 
+@pytest.mark.sampled(14)
 @pytest.mark.parametrize("mishap", MISHAPS, ids=lambda mishap: mishap.name)
 @RATES
 @PLACES

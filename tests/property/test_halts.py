@@ -19,6 +19,7 @@ ROUNDING = 1e-9
 SHARE = st.floats(-1.0, 1.0)
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("batch", range(BATCHES))
 def test_motions_to_moving_goals_keep_the_limits_however_they_end(batch) -> None:
     """Differences of the setpoints, at sample periods of 1, 7 and 28 ms, whatever is done to the motion."""

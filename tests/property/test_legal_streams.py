@@ -68,6 +68,7 @@ def play(rig: LockstepRig, rows: Floats, period_ms: int, look_ms: int = 1) -> En
     return End(Mode(rig.state.mode), FaultCode(int(events[np.argmax(events != FaultCode.NONE)])), largest)
 
 
+@pytest.mark.sampled(16)
 @pytest.mark.parametrize("seed", range(8))
 @pytest.mark.parametrize("share", [0.5, 0.9])
 @pytest.mark.parametrize("period_ms", [7, 28])
@@ -91,6 +92,7 @@ def strangers(draw: int, payload_kg: float) -> list[End]:
     return ends
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("draw", STRANGERS)
 def test_none_does_on_an_arm_that_differs_from_its_model(draw: int) -> None:
     ends = strangers(draw, 0.0)

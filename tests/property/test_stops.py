@@ -85,6 +85,7 @@ def middle() -> Floats:
     return np.array(PUMA.poses["ready"])
 
 
+@pytest.mark.sampled(12)
 @pytest.mark.parametrize("mismatched", [False, True])
 @pytest.mark.parametrize("speed", SPEEDS)
 @pytest.mark.parametrize("joint", JOINTS)

@@ -19,6 +19,7 @@ HELD = Held(
 )
 
 
+@pytest.mark.thorough
 @needs_compiler
 def test_neither_program_nor_engine_holds_more_after_four_hundred_moves_than_after_two_hundred() -> None:
     result = c_moves(400)

@@ -57,6 +57,7 @@ def rig_after(program: Callable[[], object]) -> LockstepRig:
     return rig
 
 
+@pytest.mark.thorough
 def test_in_c_the_crank_is_turned_on_the_way_of_its_twin_to_rounding_and_in_contact_nearly_so_s06(
     tmp_path: Path, capfd
 ) -> None:
@@ -90,6 +91,7 @@ def test_the_crank_is_turned_by_a_manipulator_too_after_small_edits_s06(tmp_path
     assert abs(np.degrees(crank_angle(rig.emulator)) - 360.0) < 2.0
 
 
+@pytest.mark.thorough
 @needs_valgrind
 def test_valgrind_finds_nothing_while_the_crank_is_turned_s06(tmp_path: Path, capfd) -> None:
     program = under_valgrind(compiled(one_turn(tmp_path), tmp_path, "-O2", "-gdwarf-4"))

@@ -54,6 +54,7 @@ TWINS = {
 ROUNDING = 2e-6  # rad: fields of C programs are single precision, a part in 1e7 of some hundred millimetres or degrees
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("name", TWINS)
 def test_under_sanitizers_a_program_sends_the_setpoints_of_its_twin(
     name: str, tmp_path: Path, capfd, monkeypatch
@@ -109,6 +110,7 @@ def test_the_robot_of_the_deployment_file_is_that_of_a_program_in_c(tmp_path: Pa
     }  # fmt: skip
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("compiler", ["gcc", "clang"])
 @pytest.mark.parametrize("warnings", [(), ("-Wall",)])
 def test_what_compilers_of_today_call_errors_is_c_as_it_was(compiler: str, warnings, tmp_path, monkeypatch) -> None:
@@ -146,6 +148,7 @@ def test_two_sources_with_common_variables_and_old_definitions_are_one_program(t
     assert capfd.readouterr().out == "5\n"
 
 
+@pytest.mark.thorough
 def test_a_cell_written_from_the_documentation_alone_finds_its_plate_and_fits_its_parts_s09(
     tmp_path: Path, capfd, monkeypatch
 ) -> None:
@@ -169,6 +172,7 @@ def test_a_cell_written_from_the_documentation_alone_finds_its_plate_and_fits_it
     assert {"PALLET", "PLATE"} <= set((tmp_path / "cell.db").read_text().split())
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("arm", ["off line", "in lock-step"])
 def test_boxes_are_taken_off_a_moving_belt_by_a_program_in_the_way_of_the_time_s10(arm, tmp_path, capfd) -> None:
     """One box is taken; the others have gone by: one runs away during the dwell, one was out of reach before."""

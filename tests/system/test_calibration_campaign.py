@@ -15,14 +15,14 @@ from tests.support.calibrating import PUMA, TABLE
 POSES = 12  # one of each combination
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_on_a_twelve_bit_converter_every_pose_comes_out_exact_but_beyond_the_track_of_joint_6() -> None:
     refused = refusals(TWELVE_BITS[: 2 * POSES], "F", TABLE)
     assert only_beyond_the_track(refused)
     assert len(refused) < POSES
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_on_an_eight_bit_converter_too_only_poses_beyond_the_track_are_refused() -> None:
     refused = refusals(EIGHT_BITS[:POSES], "E", eight_bit_table())
     assert only_beyond_the_track(refused)

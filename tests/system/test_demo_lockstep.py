@@ -64,6 +64,7 @@ def test_a_demo_in_lockstep_writes_its_summary_log_and_figures(tmp_path: Path) -
     assert {path.name for path in (tmp_path / "demo").glob("*.png")} == {"positions.png", "errors.png"}
 
 
+@pytest.mark.thorough
 def test_the_log_of_a_law_of_ones_own_has_its_name_without_the_folder_and_the_names_of_its_signals(
     tmp_path: Path,
 ) -> None:
@@ -74,6 +75,7 @@ def test_the_log_of_a_law_of_ones_own_has_its_name_without_the_folder_and_the_na
     assert np.abs(log.rows["signals"][:, 0]).max() > 1.0
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("run", [1, 2])
 def test_ctrl_c_ends_a_demo_in_lockstep(tmp_path: Path, run: int) -> None:
     """In its first run, when there is nothing to show, and in a later one."""

@@ -187,6 +187,7 @@ def crank_farther_out(mm: int, folder: Path) -> str:
     return str(program)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("play_mm", "farther_mm"), [(2.0, 0), (1.0, 100)])
 def test_it_is_no_chance_that_the_crank_is_turned_s06(play_mm, farther_mm, tmp_path, capsys) -> None:
     rig = rig_with(

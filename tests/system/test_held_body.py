@@ -78,6 +78,7 @@ def pause(samples: int) -> None:
     wait_as(lambda: next(left, None) is None)
 
 
+@pytest.mark.thorough
 def test_what_two_stiff_arms_press_an_arm_that_gives_way_does_not() -> None:
     def tension(right: ServoSettings) -> float:
         cell = Cell(right)

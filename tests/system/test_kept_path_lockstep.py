@@ -93,13 +93,14 @@ low 500 0 -340 90 90 0
 
 
 def test_a_program_that_ends_off_its_path_where_nobody_can_confirm_fails_with_what_has_stopped_the_arm(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
+    monkeypatch.setattr("qrobot.rci.standstill.HELD_S", 12.0)
     program = tmp_path / "down.py"
     program.write_text(dedent(INTO_THE_TABLE))
     assert run_app(make_app("run"), ["run", "--lockstep", "--deployment", "pressing", str(program)]) == 1
     assert "COLLISION" in (told := " ".join(capsys.readouterr().err.split()))
-    assert "120 s of virtual time, where the program alone can let it go on" in told
+    assert "12 s of virtual time, where the program alone can let it go on" in told
 
 
 @pytest.mark.parametrize("library", ["rccl", "arcl"])

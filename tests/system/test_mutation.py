@@ -14,7 +14,7 @@ from tests.mutation.mutants import mutants
 FEWEST = 250  # a run that finds less to mutate has lost a module
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_every_mutant_of_the_gates_is_noticed_or_explained() -> None:
     done = subprocess.run(
         [sys.executable, "-m", "tests.mutation"], cwd=Path(__file__).parents[2], check=False, text=True,

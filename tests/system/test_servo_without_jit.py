@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from qrobot.faultcodes import FaultCode
 from qrobot.modecodes import Mode
@@ -35,10 +36,12 @@ def test_compiled_and_plain_cycles_write_the_same_telemetry(tmp_path: Path) -> N
         np.testing.assert_array_equal(plain[name], compiled[name], name)
 
 
+@pytest.mark.thorough
 def test_an_arm_of_one_sliding_joint_is_held_and_stopped() -> None:
     python("pytest", "-q", "-p", "no:cacheprovider", "tests/support/one_joint_checks.py")
 
 
+@pytest.mark.thorough
 def test_a_servo_that_dies_after_any_of_its_stores_leaves_the_arm_safe() -> None:
     python("pytest", "-q", "-p", "no:cacheprovider", "tests/support/kill_point_checks.py")
 

@@ -19,6 +19,7 @@ from qrobot.servo.memory.telemetry import TelemetryLayout
 ROBOT = load_robot("puma560")
 
 
+@pytest.mark.thorough
 def test_twenty_seconds_of_random_moves_leave_no_fault_no_gap_and_no_error_above_its_bound(tmp_path: Path) -> None:
     report = tmp_path / "out" / "soak.json"
     # A process of its own: what other tests have left behind in this one would count as growth, or hide it.

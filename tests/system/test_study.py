@@ -43,6 +43,7 @@ def test_a_stiffer_servo_tracks_better_and_chatters_more(gains: Results) -> None
         assert stiff["chatter"] > soft["chatter"] > 0.0
 
 
+@pytest.mark.thorough
 def test_two_processes_find_what_one_process_finds_and_open_no_port(gains: Results, tmp_path: Path) -> None:
     before = ports_of([os.getpid()])
     with engine(2) as both:

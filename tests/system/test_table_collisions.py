@@ -98,6 +98,7 @@ def is_told_as_a_collision(codes: list[FaultCode], mode: Mode) -> bool:
     return codes == [FaultCode.COLLISION] and mode is Mode.HOLDING
 
 
+@pytest.mark.sampled(6)
 @pytest.mark.parametrize("place", PLACES)
 @pytest.mark.parametrize("speed", SPEEDS)
 def test_a_tool_that_comes_down_on_a_table_is_told_as_a_collision(speed: float, place: str) -> None:

@@ -39,6 +39,7 @@ SAID = {
 }
 
 
+@pytest.mark.thorough
 def test_the_other_examples_run_on_one_emulated_arm_and_one_of_them_by_single_steps() -> None:
     rig = LockstepRig(ROBOT, ServoSettings(rate_hz=1000.0))
     with open_channel(lambda hello: link_factory(rig, 28_000, hello), "puma560") as channel:

@@ -18,6 +18,7 @@ STOPPED_AT, CTRL_C_AT = 25, 8  # samples of the step, and of the way back
 PUSH_MICRO = 60_000_000  # N m, on the shoulder
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("library", ["rccl", "arcl"])
 @pytest.mark.parametrize("seed", range(2))
 def test_a_storm_of_commands_and_disturbances_leaves_a_program_that_runs_or_a_reason(library: str, seed: int) -> None:

@@ -13,6 +13,7 @@ from qrobot.realtime.jit import jit_disabled
 ROOT = Path(__file__).parents[2]
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.skipif(jit_disabled(), reason="nothing is compiled")
 @pytest.mark.parametrize(
     "words",

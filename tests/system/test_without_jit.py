@@ -7,6 +7,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 ROOT = Path(__file__).parents[2]
 MODULES = (
     "sim_board/test_board",
@@ -20,6 +22,7 @@ MODULES = (
 )
 
 
+@pytest.mark.thorough
 def test_the_tests_of_the_kernels_pass_with_the_jit_off() -> None:
     files = [f"tests/unit/{name}.py" for name in MODULES]
     command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", *files]

@@ -55,6 +55,7 @@ def test_a_table_that_cannot_be_written_is_one_line(tmp_path: Path, capsys: pyte
     assert "cannot write" in capsys.readouterr().err
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("degrees", [1, 5, 15])
 def test_a_joint_that_meets_too_few_index_pulses_for_a_table_is_named(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], degrees: int

@@ -7,7 +7,6 @@ import json
 import os
 import socket
 from collections import namedtuple
-from importlib.metadata import packages_distributions
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -178,12 +177,14 @@ def test_trying_real_time_leaves_this_thread_as_it_was() -> None:
     assert os.sched_getscheduler(0) == before
 
 
+def test_a_library_of_another_distribution_than_usual_is_found_too() -> None:
+    assert checks.look_at_extra("pydantic", "pydantic-of-somebody", "").name == "pydantic"
+    assert checks.look_at_extra("pydantic", "pydantic", "").ok
+    missing = checks.look_at_extra("no_such_module", "no-such-module", "pip install it")
+    assert (missing.name, missing.ok, missing.remedy) == ("no-such-module", False, "pip install it")
+
+
 def test_every_library_that_can_be_imported_is_found_whatever_its_distribution_is_called() -> None:
-    found = [finding.step for finding in checks.software()]
-    names = {step.name for step in found}
-    missing = {step.name for step in found if not step.ok}
-    for module in checks.EXTRAS:
-        if find_spec(module) is None:
-            assert module in missing
-        else:
-            assert set(packages_distributions()[module]) & names - missing
+    found = {finding.step.name: finding.step.ok for finding in checks.software()}
+    for module, extra in checks.EXTRAS.items():
+        assert found[extra.distribution or module] == (find_spec(module) is not None)

@@ -82,6 +82,7 @@ def test_every_run_is_clear_all_along_and_so_is_the_way_to_it() -> None:
         at = run.motion.start
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("name", ["puma560", "stanford"])
 def test_the_way_between_ready_and_every_run_is_clear(name: str) -> None:
     """The first run is gone to from there, any by --first N, and the arm goes back there after the last."""

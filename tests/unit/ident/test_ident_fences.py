@@ -74,6 +74,7 @@ def test_every_swing_and_every_way_keeps_inside_the_fences() -> None:
         check_swings(planned(None))
 
 
+@pytest.mark.thorough
 def test_every_fast_run_and_every_way_keeps_inside_the_fences() -> None:
     check_runs(excited(FENCES))
     with pytest.raises(FenceCrossed):

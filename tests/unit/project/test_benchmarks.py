@@ -237,6 +237,7 @@ def test_eaik_finds_our_solutions() -> None:
         assert distance.min(axis=0).max() < 1e-6
 
 
+@pytest.mark.thorough
 def test_the_compiled_setpoints_are_the_generators_and_keep_the_limits_from_sample_to_sample() -> None:
     tour, q = planned_tour(4000)
     failed, again = walk_again(tour)
@@ -324,6 +325,7 @@ def test_benchmark_telemetry_has_every_tick_once() -> None:
     assert np.ptp(rows["q"], axis=0).min() > 0.0
 
 
+@pytest.mark.thorough
 def test_images_go_over_every_transport_and_over_the_bare_library() -> None:
     found = {row.name: row for row in transports.rows(QUICK)}
     assert all(row.value > 0 for row in found.values())

@@ -75,6 +75,7 @@ def assert_goes_that_way_or_stays(robot: Robot, start: Floats, joint: int, way: 
         assert 0.0 < gone.max() <= left - margin + STILL
 
 
+@pytest.mark.sampled(12)
 @pytest.mark.parametrize("step", [0.0, 0.02], ids=["held", "a step"])
 @pytest.mark.parametrize("joint", [0, 2, 4], ids=["turns", "slides", "turns in the wrist"])
 @pytest.mark.parametrize("seed", range(8))

@@ -80,6 +80,7 @@ def flip_a_bit(whole: bytes) -> bytes:
     return whole[:middle] + bytes([whole[middle] ^ 1]) + whole[middle + 1 :]
 
 
+@pytest.mark.thorough
 def test_a_damaged_file_counts_as_none_and_is_made_anew(program: Program) -> None:
     """Every other damage is looked at without a process below: of the code, and of the index."""
     program.run()
@@ -90,6 +91,7 @@ def test_a_damaged_file_counts_as_none_and_is_made_anew(program: Program) -> Non
     assert program.run() == LOADED
 
 
+@pytest.mark.thorough
 def test_processors_of_two_kinds_share_a_folder_but_no_file(program: Program) -> None:
     other = {"NUMBA_CPU_NAME": "nehalem", "NUMBA_CPU_FEATURES": ""}  # older than any that has AVX
     assert [program.run(), program.run(**other)] == [COMPILED, COMPILED]
@@ -135,6 +137,7 @@ def test_without_a_folder_that_can_be_written_kernels_still_share_what_is_below_
     assert (run_where(program, Path("/"), user=tmp_path / "user"), program.files("")) == ([COMPILED], [])
 
 
+@pytest.mark.thorough
 def test_a_folder_that_somebody_else_filled_is_read_and_what_it_lacks_is_kept_in_the_users_own(tmp_path: Path) -> None:
     program, user = Program(tmp_path), tmp_path / "user"
     program.run()

@@ -89,6 +89,7 @@ print(first({name}(np.ones(2))), sum(first.stats.cache_hits.values()))
 """
 
 
+@pytest.mark.thorough
 def test_a_cache_that_names_a_class_of_the_past_is_stale_and_no_error(tmp_path: Path) -> None:
     file, root = tmp_path / "renamed.py", Path(__file__).parents[3]
     environment = os.environ | {"NUMBA_DISABLE_JIT": "0", "PYTHONPATH": f"{root}{os.pathsep}{tmp_path}"}

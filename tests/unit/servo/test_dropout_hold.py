@@ -145,6 +145,7 @@ def test_a_joint_held_back_as_a_glitch_is_carried_on_as_well() -> None:
     np.testing.assert_array_equal(bench.snapshot.q, counted(bench))
 
 
+@pytest.mark.sampled(12)
 @pytest.mark.parametrize("rate_hz", [250.0, 1000.0, 4000.0])
 @pytest.mark.parametrize("joint", range(6))
 @pytest.mark.parametrize("slip", [-30_000, -700, 700, 30_000])

@@ -33,6 +33,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("name", LAWS)
 def test_the_laws_of_the_page_hold_an_arm(name: str) -> None:
     assert name in PAGE or name.startswith(("my_expressions", "my_signals"))

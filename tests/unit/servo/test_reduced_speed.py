@@ -143,6 +143,7 @@ def test_a_start_within_one_sample_period_to_nearly_the_limit_is_stopped_with_ad
     assert "acceleration" in explain(FaultCode.T1_LIMIT)
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize(("share", "periods"), [(0.86, 1), (0.99, 4)])
 @pytest.mark.parametrize(("joint", "period_ms"), [(1, 28), (2, 28), (0, 100), (1, 100), (2, 100)])
 def test_a_little_slower_or_gentler_it_is_followed_on_the_path_of_full_speed(

@@ -325,6 +325,7 @@ def test_a_sender_that_stalls_stops_the_arm_when_it_is_late_by_more_than_a_perio
     assert continuous(bench, bench.rows())
 
 
+@pytest.mark.sampled(10)
 @pytest.mark.parametrize("share", [0.7, 1.09])
 @pytest.mark.parametrize("lost", range(6, 26))
 def test_no_frame_of_a_motion_that_turns_at_once_stops_the_arm_when_it_is_lost(lost: int, share: float) -> None:

@@ -93,6 +93,7 @@ def critical(robot: Robot, settings: ServoSettings, row: str, joint: int, outwar
     return inside
 
 
+@pytest.mark.sampled(6)
 @pytest.mark.parametrize("velocity", ["difference", "observer"])
 @pytest.mark.parametrize("row", ["kp", "kv"])
 @pytest.mark.parametrize("joint", [0, 2, 4])

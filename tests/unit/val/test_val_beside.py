@@ -25,6 +25,7 @@ n 0
 """
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("name", WITHOUT_END)
 def test_an_example_with_a_process_control_program_without_end_can_be_run_again(name: str) -> None:
     with interpreter((EXAMPLES / name).read_text()) as (run, _):

@@ -48,6 +48,7 @@ def _around(library: str, n: int, speed: str, move: str) -> tuple[Floats, Floats
         return np.array(joints), np.array(tips), number(run, "x")
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("library", ["rccl", "arcl"])
 @pytest.mark.parametrize(("n", "mm_s"), [(6, 80.0), (12, 80.0), (24, 30.0), (48, 20.0)])
 def test_a_polygon_of_straight_lines_is_no_faster_than_its_mmps(library: str, n: int, mm_s: float) -> None:

@@ -80,6 +80,7 @@ LONGEST = 400  # characters of an answer to what is no list
 STORMS = 40
 
 
+@pytest.mark.sampled(10)
 @pytest.mark.parametrize("seed", range(STORMS))
 def test_whatever_is_typed_is_answered_and_the_next_program_runs(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
     drawn, exchange = random.Random(seed), OfflineLink.exchange

@@ -189,13 +189,22 @@ function scenery(scene) {
   scene.add(axes);
 }
 
+// Whether this machine has no graphics processor: then smooth edges, four samples of each pixel, take most of the time of a picture.
+function drawnBySoftware() {
+  const gl = el("canvas").getContext("webgl2");
+  const named = gl?.getExtension("WEBGL_debug_renderer_info");
+  const software = /swiftshader|llvmpipe|softpipe|software|basic render/i.test(named ? gl.getParameter(named.UNMASKED_RENDERER_WEBGL) : "");
+  gl?.getExtension("WEBGL_lose_context")?.loseContext(); // a browser has room for few
+  return software;
+}
+
 export class View {
   constructor(element) {
     this.element = element;
     this.canvas = el("canvas", { "aria-label": "the arms in three dimensions; drag to turn, pinch or wheel to come nearer", tabindex: "-1" });
     this.nearest = el("p", { class: "legend nearest", role: "status" });
     element.append(this.canvas, this.nearest);
-    this.renderer = new THREE.WebGLRenderer({ canvas: this.canvas, antialias: true, preserveDrawingBuffer: true });
+    this.renderer = new THREE.WebGLRenderer({ canvas: this.canvas, antialias: !drawnBySoftware(), preserveDrawingBuffer: true });
     this.renderer.setPixelRatio(Math.min(window.devicePixelRatio, 2));
     this.scene = new THREE.Scene();
     this.scene.background = new THREE.Color(0xeef2f6);

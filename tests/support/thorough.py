@@ -1,0 +1,40 @@
+"""Wide forms of tests: of one with many cases `make test` runs a sample, and `make thorough` all."""
+
+from __future__ import annotations
+
+from collections import Counter, defaultdict
+from collections.abc import Iterable, Sequence
+from hashlib import sha256
+from typing import Any
+
+import pytest
+
+
+def mark_thorough(items: Iterable[pytest.Item]) -> None:
+    """Mark what is beyond the sample of a test that is marked `sampled(n)`.
+
+    The sample depends on names and parameters of the cases alone: it is the same in each run and each worker. It has
+    the values of each parameter as often as each other, as nearly as may be.
+    """
+    tests: dict[tuple[str, int], list[Any]] = defaultdict(list)
+    for item in items:
+        if (sampled := item.get_closest_marker("sampled")) is not None:
+            tests[item.nodeid.partition("[")[0], sampled.args[0]].append(item)
+    for (_, size), cases in tests.items():
+        sample = {case.nodeid for case in _sample(cases, size)}
+        for case in cases:
+            if case.nodeid not in sample:
+                case.add_marker(pytest.mark.thorough)
+
+
+def _sample(cases: Sequence[Any], size: int) -> list[Any]:
+    """Cases one after the other: next is the one whose values were there least so far."""
+    rest = sorted(cases, key=lambda case: sha256(case.nodeid.encode()).digest())
+    uses: Counter[tuple[str, int]] = Counter()
+    sample = []
+    while rest and len(sample) < size:
+        case = min(rest, key=lambda each: sum(uses[value] for value in each.callspec.indices.items()))
+        rest.remove(case)
+        sample.append(case)
+        uses.update(case.callspec.indices.items())
+    return sample

@@ -1,0 +1,55 @@
+"""Of a test with many cases `make test` runs a sample: always the same one, of the size asked for."""
+
+from __future__ import annotations
+
+from collections import Counter
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from tests.support.thorough import mark_thorough
+
+
+class Case:
+    """What pytest knows of one case of a test."""
+
+    def __init__(self, name: str, a: int, b: int, sampled: int | None) -> None:
+        self.nodeid, self._sampled = f"tests/unit/project/test_thorough.py::{name}[{a}-{b}]", sampled
+        self.callspec = SimpleNamespace(indices={"a": a, "b": b})
+        self.added: list[str] = []
+
+    def get_closest_marker(self, name: str) -> Any:
+        return None if self._sampled is None or name != "sampled" else pytest.mark.sampled(self._sampled).mark
+
+    def add_marker(self, marker: Any) -> None:
+        self.added.append(marker.name)
+
+
+def left(cases: list[Any]) -> list[str]:
+    """Names of the cases that `make test` runs."""
+    mark_thorough(cases)
+    assert all(case.added in ([], ["thorough"]) for case in cases)
+    return [case.nodeid for case in cases if not case.added]
+
+
+def many(name: str, sampled: int | None) -> list[Any]:
+    return [Case(name, a, b, sampled) for a in range(8) for b in range(5)]
+
+
+def test_of_each_test_that_is_sampled_so_many_cases_are_left_and_of_others_all() -> None:
+    assert len(left(many("test_wide", 7) + many("test_other", 3) + many("test_small", None))) == 7 + 3 + 40
+
+
+def test_the_sample_is_the_same_in_whatever_order_cases_are_collected() -> None:
+    assert set(left(many("test_wide", 7))) == set(left(many("test_wide", 7)[::-1]))
+
+
+def test_a_sample_larger_than_the_test_is_all_of_it() -> None:
+    assert len(left(many("test_wide", 100))) == 40
+
+
+def test_a_sample_has_every_value_of_every_parameter_as_often_as_it_can() -> None:
+    kept = [name.partition("[")[2].strip("]").split("-") for name in left(many("test_wide", 16))]
+    assert set(Counter(first for first, _ in kept).values()) == {2}
+    assert set(Counter(second for _, second in kept).values()) == {3, 4}
