@@ -89,11 +89,12 @@ def look_at_library(name: str, remedy: str) -> SetupStep:
 
 
 def look_at_extra(module: str, distribution: str, remedy: str) -> SetupStep:
-    """An installed distribution, whatever it is called, if its module can be imported."""
+    """An installed distribution; where there is none of that name, the one that has brought the module."""
     step = look_at_library(distribution, remedy)
     if step.ok or find_spec(module) is None:
         return step
-    return look_at_library(packages_distributions()[module][0], remedy)  # some seconds: it reads all that is installed
+    found = packages_distributions()  # some seconds: it reads all that is installed
+    return look_at_library(found.get(module, [distribution])[0], remedy)
 
 
 def look_at_compile_cache() -> SetupStep:

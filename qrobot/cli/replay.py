@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 from qrobot.cli.arms import DEFAULT_DEPLOYMENT, choose_arm, controlled_robot, fences_of_arm, inside_fences, robot_of_arm
 from qrobot.cli.console import note, out, write_json
 from qrobot.cli.option_types import OutputTable, SmoothOption
-from qrobot.cli.servo_settings import servo_settings
 from qrobot.realtime.signals import ends_as_ctrl_c
 from qrobot.units import DEG_PER_RAD, M_PER_MM, MM_PER_M, S_PER_MS, US_PER_MS
 
@@ -113,6 +112,7 @@ def _made_up(files: list[Path], smooth_mm: float | None, robot: Robot) -> Setpoi
 
 
 def _lockstep_links(arm: DeployedArm, period_us: int) -> LinkFactory:
+    from qrobot.cli.servo_settings import servo_settings  # kernels
     from qrobot.rig.lockstep import LockstepRig, link_factory
     from qrobot.sim_board.deployed import emulator_of_arm
 

@@ -50,10 +50,11 @@ def up(
         Where the processes' messages go, one file each.
     """
     from qrobot.config.deployment import load_deployment
+    from qrobot.rig.interrupts import interrupted_by_signals
     from qrobot.rig.process_starter import ProcessStarter
 
     arms = load_deployment(deployment).arm
-    with closing(ProcessStarter()) as starter:
+    with interrupted_by_signals(), closing(ProcessStarter()) as starter:
         starter.begin()  # it imports what the processes need, while this process imports what it needs itself
         for arm in arms:  # what is wrong with the last arm is told before the first one starts
             _check(arm, deployment, reduced_speed)

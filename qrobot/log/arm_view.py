@@ -8,6 +8,7 @@ to the next frame: no meshes are needed. Fences, tool and payload stand beside i
 
 from __future__ import annotations
 
+from functools import reduce
 from typing import Final
 
 import numpy as np
@@ -118,7 +119,7 @@ class ArmView:
             for parent, child, frame in zip(names[:-1], names[1:], frames, strict=True)
         ]  # fmt: skip
         self._frames.log(FrameTransforms(transforms=transforms), log_time=log_time)
-        pose = pose_message(np.linalg.multi_dot(frames))
+        pose = pose_message(reduce(np.matmul, frames))
         self._tool.log(PoseInFrame(timestamp=stamp, frame_id=BASE, pose=pose), log_time=log_time)
 
     def _log_load(self, payload: Floats, log_time: int) -> None:

@@ -23,7 +23,7 @@ from qrobot.servo.memory.law_history import JournalReader
 from qrobot.servo.memory.servo_memory import ServoInfo, attach_servo_memory, journal_base, servo_info
 from qrobot.servo.memory.telemetry import TelemetryReader
 
-POLL_S: Final = 0.01
+POLL_S: Final = 0.05  # a ring holds a thousand times as much; a look at it costs as much as twenty rows
 LOOK_NS: Final = 200_000_000  # how often to look whether the servo lives
 REPORT_NS: Final = 1_000_000_000
 LEFT_OUT: Final = 4  # [A] of a full ring one part in so many, the oldest, may be overwritten before it is read

@@ -35,7 +35,7 @@ class ProcessStarter:
         self._forks: ForkServer | None = None
 
     def begin(self) -> ForkServer:
-        """Start the fork server, if there is none, and do not wait for what it imports."""
+        """The fork server, started if there is none; nobody waits for what it imports."""
         if self._forks is None:
             self._forks = ForkServer(f"{PROGRAM}.cli.main:main", PREPARATIONS)
         return self._forks

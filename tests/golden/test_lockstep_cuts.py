@@ -27,6 +27,7 @@ from tests.support.can_transport import TransportStack
 from tests.support.drive_loop import PositionLoop
 from tests.support.drives import Drives, loops_for, served, torque_for
 from tests.support.modbus_transport import Far
+from tests.support.thorough import wide
 from tests.support.transport_comparison import CardRig, MemoryRig
 from tests.support.transport_rig import TransportRig
 
@@ -133,8 +134,7 @@ def get_going(rig: LockstepRig) -> None:
     assert np.abs(rig.emulator.v).max() > FAST_RAD_S
 
 
-@pytest.mark.sampled(2)
-@pytest.mark.parametrize("open_transport", [memory, card, modbus, can, torque_drives, position_drives])
+@pytest.mark.parametrize("open_transport", [memory, card, *wide(modbus, can, torque_drives), position_drives])
 def test_a_transport_cut_in_a_fast_move_stops_the_arm_in_time_and_a_mended_one_needs_no_restart(
     open_transport: Callable[[], AbstractContextManager[Transport]],
 ) -> None:

@@ -10,6 +10,11 @@ from typing import Any
 import pytest
 
 
+def wide(*values: object) -> list[Any]:
+    """Values of a parameter for `make thorough` alone."""
+    return [pytest.param(value, marks=pytest.mark.thorough) for value in values]
+
+
 def mark_thorough(items: Iterable[pytest.Item]) -> None:
     """Mark what is beyond the sample of a test that is marked `sampled(n)`.
 
@@ -30,11 +35,20 @@ def mark_thorough(items: Iterable[pytest.Item]) -> None:
 def _sample(cases: Sequence[Any], size: int) -> list[Any]:
     """Cases one after the other: next is the one whose values were there least so far."""
     rest = sorted(cases, key=lambda case: sha256(case.nodeid.encode()).digest())
-    uses: Counter[tuple[str, int]] = Counter()
+    uses: Counter[tuple[str, object]] = Counter()
     sample = []
     while rest and len(sample) < size:
-        case = min(rest, key=lambda each: sum(uses[value] for value in each.callspec.indices.items()))
+        case = min(rest, key=lambda each: sum(uses[value] for value in _values(each)))
         rest.remove(case)
         sample.append(case)
-        uses.update(case.callspec.indices.items())
+        uses.update(_values(case))
     return sample
+
+
+def _values(case: Any) -> list[tuple[str, object]]:
+    """Values of its parameters: plain ones as such, of others the place in their table."""
+    places = case.callspec.indices
+    return [
+        (name, value if isinstance(value, str | int | float | bool) else (places[name],))
+        for name, value in case.callspec.params.items()
+    ]

@@ -54,7 +54,7 @@ TWINS = {
 ROUNDING = 2e-6  # rad: fields of C programs are single precision, a part in 1e7 of some hundred millimetres or degrees
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("name", TWINS)
 def test_under_sanitizers_a_program_sends_the_setpoints_of_its_twin(
     name: str, tmp_path: Path, capfd, monkeypatch

@@ -15,6 +15,7 @@ from qrobot.log.read import read_log
 from qrobot.rig.experiment import ExperimentRun, run_lockstep
 from tests.support.patience import PATIENCE_S
 from tests.support.processes import FIRST_START_S, qrobot
+from tests.support.thorough import wide
 
 TELLING = """
 from qrobot.servo.laws.law import KP, KV, SIGNALS_AT, law
@@ -75,8 +76,7 @@ def test_the_log_of_a_law_of_ones_own_has_its_name_without_the_folder_and_the_na
     assert np.abs(log.rows["signals"][:, 0]).max() > 1.0
 
 
-@pytest.mark.sampled(1)
-@pytest.mark.parametrize("run", [1, 2])
+@pytest.mark.parametrize("run", [1, *wide(2)])
 def test_ctrl_c_ends_a_demo_in_lockstep(tmp_path: Path, run: int) -> None:
     """In its first run, when there is nothing to show, and in a later one."""
     with demo(tmp_path, "--lockstep") as process:

@@ -45,7 +45,6 @@ def test_the_arm_that_moves_fast_is_the_one_of_the_steady_passes() -> None:
     np.testing.assert_allclose(ARM.friction, SHIPPED.facts["friction"])
 
 
-@pytest.mark.thorough
 def test_fast_motion_is_predicted_several_times_better_than_with_the_files_inertia(model_file: Path) -> None:
     quality = load_model(model_file, PUMA).quality
     assert quality.motion_rms is not None

@@ -50,7 +50,6 @@ def found(recorded: Rows) -> Identified:
     return identify_log(PUMA, recorded, 0.001)
 
 
-@pytest.mark.thorough
 def test_shoulder_and_elbow_are_told_apart(found: Identified) -> None:
     true = WRONG.torque_gain[SHOULDER] / WRONG.torque_gain[ELBOW]
     assert found.scale[ELBOW] / found.scale[SHOULDER] == pytest.approx(true, rel=0.01)
@@ -74,7 +73,6 @@ def test_friction_that_falls_with_speed_is_found_without_bending_the_rest(found:
     np.testing.assert_allclose(fitted.speed, STRIBECK_FRACTION * PUMA.limits.v_max, rtol=0.1)
 
 
-@pytest.mark.thorough
 def test_friction_and_report_come_from_the_command_line(
     recorded: Rows, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

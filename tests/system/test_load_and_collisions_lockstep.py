@@ -171,7 +171,6 @@ int main(int argc, char **argv)
 """
 
 
-@pytest.mark.thorough
 @needs_compiler
 def test_a_program_in_c_tells_them_and_ends_at_what_is_refused(rig: LockstepRig, tmp_path: Path, capfd) -> None:
     (tmp_path / "load.c").write_text(C_PROGRAM)

@@ -286,9 +286,9 @@ def is_at_rest(arm: RunningArm) -> bool:
 
 
 def test_an_arm_is_driven_from_one_page_and_a_page_that_stalls_or_dies_moves_it_no_longer(
-    arm: RunningArm, pendant: Pendant
+    arm: RunningArm, shared_arm: SharedArm, pendant: Pendant
 ) -> None:
-    arm.wait_for_rest()
+    shared_arm.park()  # from where this test ends the marker of the tool cannot be seen
     host, port = pendant.host.split(":")
     with Relay((host, int(port))) as relay, open_browser() as driver:
         page = Page(driver, pendant.address_by(relay))

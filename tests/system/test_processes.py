@@ -140,6 +140,17 @@ def test_up_can_be_ended_while_its_processes_start(up: Up, command: str, number:
     assert left_behind(up.name) == []
 
 
+def test_up_can_be_ended_while_it_imports_what_it_needs(up: Up) -> None:
+    with up.running() as process:
+        told = Path(f"/proc/{process.pid}/task/{process.pid}/children")
+        wait_until(lambda: told.read_text().split(), "its fork server runs")
+        (fork_server,) = told.read_text().split()
+        process.send_signal(signal.SIGTERM)
+        assert process.wait(PATIENCE_S) == 130
+    assert not Path(f"/proc/{fork_server}").exists()
+    assert left_behind(up.name) == []
+
+
 def test_impatience_leaves_nothing_behind(up: Up) -> None:
     """Ctrl-C again and again."""
     with up.running() as process:

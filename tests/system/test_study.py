@@ -59,6 +59,15 @@ def test_a_worker_that_is_killed_is_told() -> None:
         both.executor.submit(os._exit, 1).result()
 
 
+def test_workers_open_no_port() -> None:
+    before = ports_of([os.getpid()])
+    with engine(2) as both:
+        both.executor.submit(os.getpid).result()
+        workers = [child.pid for child in active_children() if child.pid is not None]
+        assert workers
+        assert ports_of([os.getpid(), *workers]) == before
+
+
 PROGRAM = """
 import os, time
 from qrobot.study.engine import engine

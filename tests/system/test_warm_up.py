@@ -9,16 +9,16 @@ from pathlib import Path
 import pytest
 
 from qrobot.realtime.jit import jit_disabled
+from tests.support.thorough import wide
 
 ROOT = Path(__file__).parents[2]
 
 
-@pytest.mark.sampled(1)
 @pytest.mark.skipif(jit_disabled(), reason="nothing is compiled")
 @pytest.mark.parametrize(
     "words",
     [
-        "--offline examples/06_conveyor.py",
+        *wide("--offline examples/06_conveyor.py"),
         "--lockstep examples/09_peg_in_hole.py",  # it gives way
         "--offline --deployment examples/19_fences.toml examples/19_fences.py",
     ],

@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.support.thorough import wide
+
 ROOT = Path(__file__).parents[2]
 MODULES = (
     "sim_board/test_board",
@@ -22,9 +24,9 @@ MODULES = (
 )
 
 
-@pytest.mark.thorough
-def test_the_tests_of_the_kernels_pass_with_the_jit_off() -> None:
-    files = [f"tests/unit/{name}.py" for name in MODULES]
+@pytest.mark.parametrize("modules", [("hwif/test_board_memory", "realtime/test_seqlock"), *wide(MODULES)], ids=len)
+def test_the_tests_of_the_kernels_pass_with_the_jit_off(modules: tuple[str, ...]) -> None:
+    files = [f"tests/unit/{name}.py" for name in modules]
     command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", *files]
     environment = os.environ | {"NUMBA_DISABLE_JIT": "1"}
     done = subprocess.run(command, env=environment, cwd=ROOT, check=False, stdout=subprocess.PIPE, text=True)

@@ -59,9 +59,9 @@ def _nobody(arm: str) -> str:
 
 def _silence(arm: str) -> str:
     """Sentence about a servo that hangs, with what its guardian has done meanwhile."""
-    told = f"the servo of {arm} does not answer"
     from qrobot.servo.memory.servo_memory import attach_servo_memory  # its layout rests on kernels: half a second
 
+    told = f"the servo of {arm} does not answer"
     with suppress(LinkError), attach_servo_memory(arm) as memory:
         if memory.front.guardian.takeover:
             return f"{told}; its guardian has taken torque and power away"

@@ -29,7 +29,7 @@ from qrobot.hwif.registers import DAC, DAC_ZERO, DISCRETE, DISCRETE_POWER, N_DAC
 from qrobot.realtime.atomics import load_acquire, store_release
 from qrobot.realtime.clock import monotonic_ns, sleep_until_ns
 from qrobot.realtime.jit import lean_kernel
-from qrobot.realtime.setup import HIGHEST_PRIORITY, SetupStep, lock_memory, set_fifo, tighten_timers
+from qrobot.realtime.setup import HIGHEST_PRIORITY, SetupStep, freeze_garbage, lock_memory, set_fifo, tighten_timers
 from qrobot.realtime.shared_memory import HEADER_WORDS, SegmentT, SharedMemory
 from qrobot.report import Report
 from qrobot.servo.memory.servo_memory import (
@@ -277,9 +277,10 @@ def warm_up() -> None:
 def prepare() -> list[SetupStep]:
     """Make this process hard to delay: memory that stays, fine timers, a priority above the servo's.
 
-    In this order: to lock the memory takes longer than a servo on the same processor can be kept waiting.
+    A search for garbage among all modules' objects would keep it from looking for longer than it may. The others are in
+    this order: to lock the memory takes longer than a servo on the same processor can be kept waiting.
     """
-    return [lock_memory(), tighten_timers(), set_fifo(HIGHEST_PRIORITY)]
+    return [freeze_garbage(), lock_memory(), tighten_timers(), set_fifo(HIGHEST_PRIORITY)]
 
 
 @lean_kernel

@@ -177,9 +177,14 @@ def test_trying_real_time_leaves_this_thread_as_it_was() -> None:
     assert os.sched_getscheduler(0) == before
 
 
-def test_a_library_of_another_distribution_than_usual_is_found_too() -> None:
+def test_a_library_of_another_distribution_than_usual_is_found_too(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     assert checks.look_at_extra("pydantic", "pydantic-of-somebody", "").name == "pydantic"
     assert checks.look_at_extra("pydantic", "pydantic", "").ok
+    (tmp_path / "a_folder").mkdir()
+    monkeypatch.syspath_prepend(tmp_path)
+    assert not checks.look_at_extra("a_folder", "no-such-package", "").ok
     missing = checks.look_at_extra("no_such_module", "no-such-module", "pip install it")
     assert (missing.name, missing.ok, missing.remedy) == ("no-such-module", False, "pip install it")
 

@@ -101,7 +101,21 @@ def test_a_command_is_imported_without_a_look_for_garbage_and_then_garbage_is_lo
 
 
 def test_an_operators_command_waits_for_no_compiler() -> None:
-    commands = ("ctl", "run", "jog", "teach", "guide", "up", "log", "calibrate", "inject", "pendant", "cc", "val")
+    commands = (
+        "ctl",
+        "run",
+        "jog",
+        "teach",
+        "guide",
+        "up",
+        "log",
+        "calibrate",
+        "inject",
+        "pendant",
+        "cc",
+        "val",
+        "replay",
+    )
     found = python(
         "import sys; from qrobot.cli.main import import_command\n"
         f"for name in {commands}: import_command(name)\n"

@@ -16,7 +16,7 @@ class Case:
 
     def __init__(self, name: str, a: int, b: int, sampled: int | None) -> None:
         self.nodeid, self._sampled = f"tests/unit/project/test_thorough.py::{name}[{a}-{b}]", sampled
-        self.callspec = SimpleNamespace(indices={"a": a, "b": b})
+        self.callspec = SimpleNamespace(indices={"a": a, "b": b}, params={"a": a, "b": b})
         self.added: list[str] = []
 
     def get_closest_marker(self, name: str) -> Any:
@@ -53,3 +53,15 @@ def test_a_sample_has_every_value_of_every_parameter_as_often_as_it_can() -> Non
     kept = [name.partition("[")[2].strip("]").split("-") for name in left(many("test_wide", 16))]
     assert set(Counter(first for first, _ in kept).values()) == {2}
     assert set(Counter(second for _, second in kept).values()) == {3, 4}
+
+
+def test_values_of_rows_of_a_table_are_told_apart_and_things_are_by_their_places() -> None:
+    rows = [("gcc", "-O0"), ("gcc", "-O2"), ("clang", "-O0"), ("clang", "-O2")]
+    cases = [Case("test_rows", k, 0, 2) for k in range(len(rows))]
+    for k, (case, (compiler, flag)) in enumerate(zip(cases, rows, strict=True)):
+        case.callspec.indices = {"compiler": k, "flag": k, "program": k}
+        case.callspec.params = {"compiler": compiler, "flag": flag, "program": object()}
+    kept = left(cases)
+    first, second = (row for case, row in zip(cases, rows, strict=True) if case.nodeid in kept)
+    assert first[0] != second[0]
+    assert first[1] != second[1]

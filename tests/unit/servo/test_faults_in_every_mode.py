@@ -82,7 +82,6 @@ WATCHES: list[tuple[Mishap, FaultCode, frozenset[Mode]]] = [
 ]
 
 
-@pytest.mark.sampled(16)
 @pytest.mark.parametrize("mode", sorted(TORQUE_ON - {Mode.CALIBRATING}), ids=lambda mode: mode.name)
 @pytest.mark.parametrize(("mishap", "code", "modes"), WATCHES)
 def test_what_goes_wrong_cuts_the_power_in_every_mode_under_torque(
