@@ -23,6 +23,7 @@ CAN_START = "return !document.getElementById('start-live').disabled"
 STAMP = "return document.getElementById('source').dataset.stamp"
 
 
+@pytest.mark.thorough
 def test_the_source_on_the_page_follows_an_editor_and_what_was_to_be_confirmed_goes(pendant: Pendant) -> None:
     file = pendant.deployment.parent / "programs" / ONCE
     file.write_text(SOURCE_OF_ONCE)

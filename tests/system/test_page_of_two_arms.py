@@ -80,6 +80,7 @@ def nothing_of_an_arm_stays_when_another_one_is_chosen_and_nothing_comes_late(pa
     wait_until(lambda: page.run(SHOWN, marks) == marks, "it is shown again")
 
 
+@pytest.mark.thorough
 def test_a_page_shows_what_it_has_asked_about_the_chosen_arm_and_about_no_other_one(pendant: Pendant) -> None:
     with open_browser() as driver:
         page = Page(driver, pendant.address)

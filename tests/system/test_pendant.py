@@ -678,6 +678,7 @@ def hold(page: Page, press: Callable[[], None], let_go: Callable[[], None]) -> N
     wait_until(held, "the press counts")
 
 
+@pytest.mark.thorough
 def test_the_speed_override_is_what_the_slider_shows_however_long_a_finger_rests_on_it(pendant: Pendant) -> None:
     with open_browser() as driver:
         page = Page(driver, pendant.address)

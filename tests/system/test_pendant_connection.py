@@ -40,6 +40,7 @@ def lose_the_connection(page: Page) -> None:
     wait_until(lambda: page.run(back), "the page is back, by another connection")
 
 
+@pytest.mark.thorough
 def test_an_editor_of_a_place_and_the_axes_stay_through_a_loss_and_go_with_the_arm(pendant: Pendant) -> None:
     with open_browser() as driver:
         page = Page(driver, pendant.address)
@@ -95,6 +96,7 @@ def test_that_a_stop_has_not_reached_an_arm_is_told_beside_what_is_told_of_anoth
         wait_until(lost, "it is told anew")
 
 
+@pytest.mark.thorough
 def test_what_every_page_may_ask_for_can_be_pressed_while_nothing_is_heard_of_the_arm(pendant: Pendant) -> None:
     """The second one is not there, nobody drives it, and it is not known to have power."""
     with open_browser() as driver:
@@ -108,6 +110,7 @@ def test_what_every_page_may_ask_for_can_be_pressed_while_nothing_is_heard_of_th
         wait_until(lambda: page.shows("#fault", "absent: Power off HAS NOT REACHED THE ARM"), "it was asked for")
 
 
+@pytest.mark.thorough
 def test_a_page_whose_connection_is_lost_again_and_again_draws_the_arms_with_what_it_took_first(
     pendant: Pendant,
 ) -> None:

@@ -98,6 +98,7 @@ def say(say_once: Say, arm: RunningArm) -> Say:
     return say
 
 
+@pytest.mark.thorough
 def test_a_box_is_traced_and_its_way_drawn_beside_the_one_asked_for(say: Say, tmp_path: Path) -> None:
     said, notes = say("run", "--output", tmp_path, BOX, "400")
     assert "a box of 150 by 200 by 120 mm" in said
@@ -160,6 +161,7 @@ def places_in(text: str) -> np.ndarray:
     return np.array(re.findall(r"place \d: x (\S+) y (\S+) mm", text), float).reshape(4, 2)
 
 
+@pytest.mark.thorough
 def test_one_equation_leads_a_running_arm_to_four_places_on_a_table_that_turns_s09(
     say: Say, arm: RunningArm, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
