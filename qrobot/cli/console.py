@@ -152,6 +152,7 @@ def run_app(app: App, tokens: Sequence[str], prepare: Callable[[], object] = lam
         if (interrupt := _interrupt_behind(error)) is None:
             raise
         _forget_unwritten()
+        _forget_interrupt()
         return interrupt.status if isinstance(interrupt, SignalledEnd) else INTERRUPTED
     except BrokenPipeError:  # `qrobot log info | head`: the reader has had enough
         _let_be_lost(sys.stdout)
@@ -169,6 +170,16 @@ def _interrupt_behind(error: BaseException) -> KeyboardInterrupt | None:
     while isinstance(error, ImportError) and error.__cause__ is not None:
         error = error.__cause__
     return error if isinstance(error, KeyboardInterrupt) else None
+
+
+def _forget_interrupt() -> None:
+    """Let the process end by its status.
+
+    An interrupt that comes while a text is executed, as in the making of a dataclass, is noted by CPython, and `python
+    -m` then ends by SIGINT though it was handled (`unhandled_keyboard_interrupt`, pythonrun.c, main.c). The next text
+    that is executed begins with a clean note.
+    """
+    exec("")
 
 
 def _forget_unwritten() -> None:

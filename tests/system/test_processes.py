@@ -147,7 +147,7 @@ def test_up_can_be_ended_while_it_imports_what_it_needs(up: Up) -> None:
         (fork_server,) = told.read_text().split()
         process.send_signal(signal.SIGTERM)
         assert process.wait(PATIENCE_S) == 130
-    assert not Path(f"/proc/{fork_server}").exists()
+    wait_until(lambda: not Path(f"/proc/{fork_server}").exists(), "the fork server has ended too")
     assert left_behind(up.name) == []
 
 

@@ -132,6 +132,26 @@ def test_a_program_that_draws_nothing_waits_for_no_library_that_draws() -> None:
     assert found.stdout.split() == ["False"], found.stderr
 
 
+INTERRUPTED_IN_A_TEXT = """
+import sys
+from cyclopts import App
+from qrobot.cli.console import run_app
+
+def command():
+    exec("raise KeyboardInterrupt")  # as it may come while a dataclass is made
+
+app = App(name="interrupted")
+app.default(command)
+sys.exit(run_app(app, []))
+"""
+
+
+def test_an_interrupt_ends_a_command_by_its_status_wherever_it_comes(tmp_path: Path) -> None:
+    (tmp_path / "interrupted.py").write_text(INTERRUPTED_IN_A_TEXT)
+    done = subprocess.run([sys.executable, "-m", "interrupted"], cwd=tmp_path, check=False, timeout=PATIENCE_S)
+    assert done.returncode == 130
+
+
 def test_servo_ctl_is_another_name_of_ctl(capsys: pytest.CaptureFixture[str]) -> None:
     assert run_app(make_app("servo"), ["servo", "ctl", "--help"]) == 0
     assert "calibrate" in capsys.readouterr().out
