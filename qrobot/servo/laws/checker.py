@@ -127,10 +127,8 @@ def _tried_as_python(question: Question) -> tuple[dict[str, Any], bytes]:
 
 
 def _tried_as_code(question: Question) -> tuple[dict[str, Any], bytes]:
-    from numba.core.errors import NumbaError
-
     from qrobot.realtime.machine_code import compile_for_export
-    from qrobot.servo.laws.law import LAW_SIGNATURE, without_advice
+    from qrobot.servo.laws.law import COMPILE_ERRORS, LAW_SIGNATURE, without_advice
     from qrobot.servo.laws.machine_code_law import LoadedLaw
     from qrobot.servo.laws.shipped import find_law
     from qrobot.servo.laws.trial import prove, prove_harmless
@@ -139,7 +137,7 @@ def _tried_as_code(question: Question) -> tuple[dict[str, Any], bytes]:
         law = find_law(question.name, question.robot, question.settings)
         try:
             compiled, code = compile_for_export(law.body.py_func, LAW_SIGNATURE)  # type: ignore[attr-defined]
-        except (NumbaError, TypeError) as error:
+        except COMPILE_ERRORS as error:
             raise ConfigError(f"the law does not compile: {without_advice(error)}") from error
         loaded = LoadedLaw(
             code, law.settings, law.values, law.__doc__, law.signals

@@ -61,6 +61,11 @@ ARGUMENTS: Final = (
 
 MOST_SAID: Final = 400  # characters of what Numba says of a mistake
 _PLACE: Final = re.compile(r'File "([^"]+)", line (\d+)')
+COMPILE_ERRORS: Final = (NumbaError, TypeError, ImportError)  # the last one where Numba would call SciPy's BLAS
+NO_LINEAR_ALGEBRA: Final = (
+    "a law has no linear algebra of matrices (numpy.linalg, np.dot, @): write the sums out in loops, or make it a law "
+    "of expressions (@casadi_law)"
+)
 _ADVICE: Final = ("-", "During", "^", "Failed in ")
 
 _VECTOR = types.Array(types.float64, 1, "C")
@@ -134,7 +139,7 @@ class Law(KernelPointer):
         """Address of the compiled code, while the law lives. Raises ConfigError when the law cannot be compiled."""
         try:
             return super().address
-        except (NumbaError, TypeError) as error:
+        except COMPILE_ERRORS as error:
             raise ConfigError(f"the law does not compile: {without_advice(error)}") from error
 
     @property
@@ -245,6 +250,8 @@ def _passed_on(function: LawBody) -> LawBody:
 
 def without_advice(error: Exception) -> str:
     """Numba's message without its advice and the source: where the last complaint is, and what comes first."""
+    if isinstance(error, ImportError):
+        return NO_LINEAR_ALGEBRA
     lines = [line.strip() for line in str(error).splitlines()]
     places = [found for line in lines if (found := _PLACE.match(line))]
     before_source = list(takewhile(lambda line: not _PLACE.match(line), lines))

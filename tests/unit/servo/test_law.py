@@ -151,6 +151,19 @@ def test_a_law_that_does_not_compile_is_refused_in_a_few_words() -> None:
     assert "test_law.py" in str(refusal.value)
 
 
+@pytest.mark.skipif(jit_disabled(), reason="plain Python multiplies matrices")
+def test_a_law_with_matrices_is_told_what_to_do_instead() -> None:
+    def multiplies(q: Any, tau: Any) -> None:
+        tau[:] = np.dot(np.eye(6), q)
+
+    def solves(q: Any, tau: Any) -> None:
+        tau[:] = np.linalg.solve(np.eye(6), q)
+
+    for function in (multiplies, solves):
+        with pytest.raises(ConfigError, match="does not compile: a law has no linear algebra"):
+            _ = law(function).address
+
+
 def test_a_law_typed_at_a_prompt_works_too() -> None:
     scope: dict[str, Any] = {}
     exec("def weightless(tau):\n    for j in range(tau.size):\n        tau[j] = 0.0\n", scope)
