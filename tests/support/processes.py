@@ -230,7 +230,15 @@ class RunningArm:
         return Mode(self.snapshot().mode)
 
     def wait_for(self, *modes: Mode) -> None:
-        wait_until(lambda: self.mode in modes, "/".join(mode.name for mode in modes))
+        wanted = "/".join(mode.name for mode in modes)
+        wait_until(lambda: self.mode in modes, lambda: f"{wanted}, but {self.told()}")
+
+    def told(self) -> str:
+        """How the servo is, for a test that fails."""
+        snapshot = self.snapshot()
+        processes = ", ".join(self.running())
+        fault, event = FaultCode(snapshot.fault), FaultCode(snapshot.event)
+        return f"{Mode(snapshot.mode).name}, fault {fault.name}, event {event.name}; {processes} run"
 
     def wait_for_rest(self) -> None:
         """Until what falls without power has come to rest: the servo powers no arm that moves."""
