@@ -7,6 +7,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from typing import Final
 
@@ -20,6 +21,8 @@ RIG: Final = (
     "LockstepRig(load_robot('puma560'), ServoSettings(rate_hz=4000)).ticks(1)"
 )
 FIRST_PROGRAM: Final = ("-m", "qrobot", "run", "--lockstep", "examples/01_park_and_return.py")
+COMMAND: Final = ("-m", "qrobot", "ctl", "--help")  # everything that `ctl stop` imports before it looks for a servo
+LIBRARIES: Final = "import cyclopts, numpy, pydantic, rich.console, rich.table"  # what such a command cannot do without
 # What Numba takes on this machine, whatever we do; the servo has three times as many functions.
 NUMBA_ALONE: Final = (
     "from numba import njit; made = [njit('f8(f8[:])')(eval(f'lambda x: x[0] * {k} + x[1]')) for k in range(100)]"
@@ -38,9 +41,13 @@ def rows(effort: Effort) -> Iterator[Row]:
     """The rows."""
     rig, program = ("-c", RIG), ("-m", "qrobot", "--help")
     start(rig)
-    warm = interleaved({"rig": lambda: start(rig), "help": lambda: start(program)}, effort.rounds)
+    starts = {"rig": rig, "help": program, "command": COMMAND, "libraries": ("-c", LIBRARIES)}
+    warm = interleaved({name: partial(start, words) for name, words in starts.items()}, effort.rounds)
     yield row("start of servo, board and plant, compiled before", warm["rig"], "s")
     yield row("`qrobot --help`", warm["help"], "s")
+    yield against(
+        "`qrobot ctl`, up to its help", warm["command"], "s", "its libraries", warm["libraries"], Goal(2.5, "ratio")
+    )
     if effort.cold:
         with tempfile.TemporaryDirectory() as folder:
             cold = seconds(lambda: start(rig, Path(folder)))

@@ -9,7 +9,6 @@ from __future__ import annotations
 from typing import Any, Final
 
 from numba import types
-from numba.core.errors import NumbaError
 
 from qrobot.arrays import Floats, Words
 from qrobot.errors import ConfigError
@@ -17,7 +16,7 @@ from qrobot.rci.descriptor import TaskDescriptor, TaskWord
 from qrobot.realtime.atomics import load_acquire, store_release
 from qrobot.realtime.clock import monotonic_ns, sleep_until_ns
 from qrobot.realtime.jit import jit_disabled, lean_kernel
-from qrobot.realtime.pointer import KernelPointer, raising_function_at
+from qrobot.realtime.pointer import COMPILE_ERRORS, KernelPointer, raising_function_at
 from qrobot.units import NS_PER_S
 
 SIGNATURE: Final = types.void(types.int64, types.float64[::1])
@@ -105,7 +104,7 @@ def pointer_to(function: Any, task: str) -> KernelPointer:
     pointer = KernelPointer(function, SIGNATURE)
     try:
         assert pointer.raising_address
-    except (NumbaError, TypeError) as error:
+    except COMPILE_ERRORS as error:
         wanted = "a compiled control function takes a tick and an array of numbers and returns nothing"
         raise ConfigError(f"{task}: {wanted}: {error}") from error
     return pointer

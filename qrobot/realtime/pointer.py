@@ -17,11 +17,13 @@ from typing import Any, Final
 import numba.experimental.function_type  # noqa: F401  (teaches Numba the type of a pointer; it loads this too late)
 from numba import types
 from numba.core import cgutils
+from numba.core.errors import NumbaError
 from numba.extending import intrinsic
 
 from qrobot.realtime.jit import jit_disabled
 
 PointerBody = Callable[..., None]
+COMPILE_ERRORS: Final = (NumbaError, TypeError, ImportError)  # the last one for what Numba leaves to SciPy's BLAS
 _BODIES: Final[dict[int, PointerBody]] = {}  # what stands at an address, with the JIT off
 
 
@@ -47,7 +49,7 @@ class KernelPointer(types.WrapperAddressProtocol):  # type: ignore[misc]
 
     @cached_property
     def address(self) -> int:
-        """Address of the compiled code, while the body lives. Raises TypeError or Numba's error: it does not fit."""
+        """Address of the compiled code, while the body lives. Raises one of `COMPILE_ERRORS`: it does not fit."""
         body: Any = self.body
         if jit_disabled():
             _BODIES[id(body)] = body

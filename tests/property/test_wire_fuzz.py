@@ -14,6 +14,7 @@ from qrobot.rccl_bridge import BridgeSettings, Forward, Lease, Session
 from qrobot.rccl_bridge.session import Peer
 from qrobot.wire import Connection, Conversation, Side
 from tests.support.mutants import SEEDS, N, mutant
+from tests.support.thorough import wide
 
 REASONS = (
     "no packet begins with",
@@ -57,7 +58,7 @@ def reason_in(error: str) -> str:
     return next(reason for reason in REASONS if reason in error)
 
 
-@pytest.mark.parametrize("count", [40_000, pytest.param(200_000, marks=pytest.mark.thorough)])
+@pytest.mark.parametrize("count", [40_000, *wide(200_000)])
 def test_mutants_cause_one_kind_of_error_and_every_reason_for_it(count: int) -> None:
     rng = random.Random(56)
     hits: Counter[str] = Counter()

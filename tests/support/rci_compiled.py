@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from qrobot.arrays import Floats
 from qrobot.realtime.clock import monotonic_ns, sleep_until_ns
 from qrobot.realtime.jit import lean_kernel
@@ -32,6 +34,12 @@ def hang(_tick: int, _memory: Floats) -> None:
 @lean_kernel
 def of_three(_tick: int, _memory: Floats, _more: float) -> None:
     """Take too much."""
+
+
+@lean_kernel
+def square(_tick: int, memory: Floats) -> None:
+    """Ask for a product of vectors, for which Numba needs SciPy."""
+    memory[0] = np.dot(memory, memory)
 
 
 @lean_kernel

@@ -13,6 +13,7 @@ import pytest
 from qrobot.faultcodes import FaultCode
 from qrobot.modecodes import Mode
 from tests.support.servo_scenario import eventful_runs
+from tests.support.thorough import wide
 
 ROOT = Path(__file__).parents[2]
 
@@ -36,15 +37,15 @@ def test_compiled_and_plain_cycles_write_the_same_telemetry(tmp_path: Path) -> N
         np.testing.assert_array_equal(plain[name], compiled[name], name)
 
 
-@pytest.mark.thorough
-def test_an_arm_of_one_sliding_joint_is_held_and_stopped() -> None:
-    python("pytest", "-q", "-p", "no:cacheprovider", "tests/support/one_joint_checks.py")
+@pytest.mark.parametrize("chosen", ["stopped", *wide("held")])
+def test_an_arm_of_one_sliding_joint_is_held_and_stopped(chosen: str) -> None:
+    python("pytest", "-q", "-p", "no:cacheprovider", "-k", chosen, "tests/support/one_joint_checks.py")
 
 
 SOME_DEATHS = "(leaves_holding and power_off-memory) or powers_up or (stalls_anywhere and memory)"
 
 
-@pytest.mark.parametrize("chosen", [SOME_DEATHS, pytest.param("", marks=pytest.mark.thorough)], ids=["some", "all"])
+@pytest.mark.parametrize("chosen", [SOME_DEATHS, *wide("")], ids=["some", "all"])
 def test_a_servo_that_dies_after_any_of_its_stores_leaves_the_arm_safe(chosen: str) -> None:
     python("pytest", "-q", "-p", "no:cacheprovider", "-k", chosen, "tests/support/kill_point_checks.py")
 

@@ -128,7 +128,8 @@ def _tried_as_python(question: Question) -> tuple[dict[str, Any], bytes]:
 
 def _tried_as_code(question: Question) -> tuple[dict[str, Any], bytes]:
     from qrobot.realtime.machine_code import compile_for_export
-    from qrobot.servo.laws.law import COMPILE_ERRORS, LAW_SIGNATURE, without_advice
+    from qrobot.realtime.pointer import COMPILE_ERRORS
+    from qrobot.servo.laws.law import LAW_SIGNATURE, without_advice
     from qrobot.servo.laws.machine_code_law import LoadedLaw
     from qrobot.servo.laws.shipped import find_law
     from qrobot.servo.laws.trial import prove, prove_harmless

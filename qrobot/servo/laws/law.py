@@ -40,12 +40,11 @@ from typing import Any, Final, overload
 
 import numpy as np
 from numba import types
-from numba.core.errors import NumbaError
 
 from qrobot.arrays import Floats
 from qrobot.errors import ConfigError
 from qrobot.realtime.jit import kernel
-from qrobot.realtime.pointer import KernelPointer
+from qrobot.realtime.pointer import COMPILE_ERRORS, KernelPointer
 from qrobot.servo.laws.python_calls import refuse_python_calls
 from qrobot.wire.vocabulary import LONGEST_SIGNAL, N_SIGNALS
 
@@ -61,10 +60,9 @@ ARGUMENTS: Final = (
 
 MOST_SAID: Final = 400  # characters of what Numba says of a mistake
 _PLACE: Final = re.compile(r'File "([^"]+)", line (\d+)')
-COMPILE_ERRORS: Final = (NumbaError, TypeError, ImportError)  # the last one where Numba would call SciPy's BLAS
 NO_LINEAR_ALGEBRA: Final = (
-    "a law has no linear algebra of matrices (numpy.linalg, np.dot, @): write the sums out in loops, or make it a law "
-    "of expressions (@casadi_law)"
+    "linear algebra (numpy.linalg, np.dot, @) needs SciPy, which QRobot does without: write the sums out "
+    "in loops, or make it a law of expressions (@casadi_law)"
 )
 _ADVICE: Final = ("-", "During", "^", "Failed in ")
 
@@ -250,7 +248,7 @@ def _passed_on(function: LawBody) -> LawBody:
 
 def without_advice(error: Exception) -> str:
     """Numba's message without its advice and the source: where the last complaint is, and what comes first."""
-    if isinstance(error, ImportError):
+    if isinstance(error, ImportError) and "linear algebra" in str(error):
         return NO_LINEAR_ALGEBRA
     lines = [line.strip() for line in str(error).splitlines()]
     places = [found for line in lines if (found := _PLACE.match(line))]

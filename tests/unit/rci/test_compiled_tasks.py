@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import sys
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -36,13 +38,15 @@ def test_a_compiled_task_runs_at_its_ticks_on_the_memory_of_its_name() -> None:
     [
         (lambda td: rci.rci_control(td, lambda _td: None), "functions that Numba has compiled"),
         (lambda td: rci.rci_control(td, functions.of_three), "takes a tick and an array of numbers"),
+        (lambda td: rci.rci_control(td, functions.square), "scipy .* is required for linear algebra"),
         (lambda td: rci.rci_onfunction(td, lambda: True), "woken by the clock alone"),
         (lambda td: rci.rci_trigger(td, 1, 0, lambda _td: None), "woken by the clock alone"),
         (lambda _: rci.rci_create("second", "compiled"), "runs one task"),
         (lambda _: rci.rci_create("puma560", "compiled1"), "none with a robot"),
     ],
 )
-def test_what_compiled_tasks_cannot_do_is_refused(call, text: str) -> None:
+def test_what_compiled_tasks_cannot_do_is_refused(call, text: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "scipy", None)  # as where it is not installed
     with virtual_program():
         td = rci.rci_create("filter", "compiled")
         with pytest.raises(ConfigError, match=text):

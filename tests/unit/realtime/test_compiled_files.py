@@ -237,11 +237,15 @@ def _path_of(files: CompiledFiles, what: str) -> Path:
     return Path(files._index_path if what == "_index_path" else files._data_path(files._data_name(1)))
 
 
-def test_the_name_of_a_file_tells_the_processor(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_name_of_a_file_tells_the_processor(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def named() -> str:
+        return Path(CompiledFiles(str(tmp_path), "kernel", "stamp")._index_path).name
+
     compiled_files.processor_digest.cache_clear()
-    here = processor_digest()
+    here, file_here = processor_digest(), named()
     monkeypatch.setattr("numba.core.config.CPU_NAME", "nehalem")
     compiled_files.processor_digest.cache_clear()
-    there = processor_digest()
+    there, file_there = processor_digest(), named()
     compiled_files.processor_digest.cache_clear()
     assert here != there
+    assert (file_here, file_there) == (f"kernel.{here}.nbi", f"kernel.{there}.nbi")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from typing import Any
 
 import numpy as np
@@ -152,15 +153,22 @@ def test_a_law_that_does_not_compile_is_refused_in_a_few_words() -> None:
 
 
 @pytest.mark.skipif(jit_disabled(), reason="plain Python multiplies matrices")
-def test_a_law_with_matrices_is_told_what_to_do_instead() -> None:
+def test_a_law_with_products_of_vectors_and_matrices_is_told_what_to_do_instead(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setitem(sys.modules, "scipy", None)  # as where it is not installed
+
     def multiplies(q: Any, tau: Any) -> None:
         tau[:] = np.dot(np.eye(6), q)
 
     def solves(q: Any, tau: Any) -> None:
         tau[:] = np.linalg.solve(np.eye(6), q)
 
-    for function in (multiplies, solves):
-        with pytest.raises(ConfigError, match="does not compile: a law has no linear algebra"):
+    def works(v: Any, tau: Any) -> None:
+        tau[0] = np.dot(v, v)
+
+    for function in (multiplies, solves, works):
+        with pytest.raises(ConfigError, match=r"does not compile: linear algebra .* needs SciPy"):
             _ = law(function).address
 
 
