@@ -172,15 +172,6 @@ def test_after_a_collision_a_program_begins_where_the_arm_got_to() -> None:
     assert incident_of(leg).number == 1
 
 
-def test_a_new_motion_forgets_a_collision_whose_stop_ended_in_a_fault() -> None:
-    leg = FastLeg(1000.0)
-    leg.power_on()
-    leg.rig.state.watch.yields = 1
-    leg.fly(4)
-    assert leg.mode is Mode.TRACKING
-    assert leg.rig.state.watch.yields == 0
-
-
 # ------------------------------------------------------------------------------------------------------ false alarms
 
 

@@ -199,6 +199,7 @@ def _watch_power_up(params: ServoParameters, state: ServoState, mail: Any, now_n
         for k in range(state.memory.size):
             state.memory[k] = 0.0
         forget_bias(state.swap)
+        forget_yielding(state)  # the stop that gave way may have ended in a fault
         drop_all_frames(mail)
         set_mode(state, HOLDING if state.status & STATUS_CALIBRATED != 0 else UNCALIBRATED)
     elif now_ns - state.powering_since_ns > params.power_timeout_ns:
@@ -262,7 +263,6 @@ def _watch_stream(params: ServoParameters, state: ServoState, mail: Any, now_ns:
     if code != 0:
         report_event(state, code, joint)
     elif play:
-        forget_yielding(state)  # what stopped the last one may have ended in a fault
         if state.event == state.watch.incident[INCIDENT_CODE] or state.event in REFUSALS:
             report_event(state, NONE)  # of the stream before: should it happen again, it is an event of its own
         start_stream(params, state, now_ns)

@@ -9,10 +9,12 @@ from qrobot.config import load_robot
 from qrobot.faultcodes import FaultCode
 from qrobot.hwif.board_memory import PANEL_MICRO
 from qrobot.modecodes import Mode
+from qrobot.servo.event import report_fault
 from qrobot.servo.operator.motion_requests import REACTIONS
 from qrobot.servo.stages.collision_stop import COMPLY_NS, SOFT
 from tests.support.dead_encoder import reference
 from tests.support.pressing import tip_down
+from tests.support.servo_bench import ServoBench, moving
 from tests.support.tables import contact_force
 from tests.system.test_table_collisions import PLACES, TOP, CollidingArm
 
@@ -65,3 +67,26 @@ def test_an_arm_that_complies_can_be_pushed_away_for_a_while_and_is_held_then(re
         assert np.abs(rig.emulator.q - held).max() < 0.01
     assert one.mode is Mode.HOLDING
     assert not (rig.rows()["mode"] == Mode.FAULT).any()
+
+
+def test_an_arm_that_gets_power_after_a_fault_has_ended_its_stop_gives_way_to_nothing() -> None:
+    bench, joint = ServoBench(), 0
+    bench.mailbox.request_collision((), REACTIONS.index("comply"))
+    moving(bench, joint=joint, seconds=0.15)
+    report_fault(bench.state, int(FaultCode.COLLISION), joint)
+    bench.tick(2)
+    assert bench.mode is Mode.STOPPING
+    bench.before.clear()
+    bench.estop_ok = False
+    bench.tick(2)
+    assert bench.mode is Mode.FAULT
+    bench.estop_ok = True
+    bench.mailbox.request_power(False)
+    bench.mailbox.request_clear()
+    bench.until(lambda: bench.mode is Mode.OFF)
+    bench.hold()
+    bench.follows = False
+    bench.before.append(lambda _now: bench.q.__setitem__(joint, bench.q[joint] + 1e-3))
+    bench.until(lambda: bench.mode is Mode.FAULT, 0.2)
+    assert bench.fault is FaultCode.FOLLOWING
+    assert abs(bench.q - bench.state.q_ref)[joint] < 1.1 * ROBOT.guard.following_error[joint]
