@@ -75,14 +75,26 @@ def note_losses(state: ServoState, losses: int, now_ns: int) -> None:
         state.board_away = 0
 
 
+@lean_kernel
+def is_new(params: ServoParameters, state: ServoState) -> bool:
+    """True of an image that is new by its count, of the present by our clock, and later by the board's.
+
+    A board that is being adopted may have any clock but one that stands.
+    """
+    t_ns = state.image[IMAGE_T_NS]
+    later = t_ns > state.read_ns or (state.adopt != ADOPT_NOTHING and t_ns != state.read_ns)
+    return bool(later and state.image[IMAGE_COUNT] != state.image_seen and state.image_age_ns <= params.image_age_ns)
+
+
 @part_kernel
 def read(params: ServoParameters, state: ServoState) -> None:
     """Judge the image; unwrap the encoder words, holding back what no joint can have moved.
 
     An image that is new by its count but as old as a board may be silent is none of the present: it counts as missing.
+    So does one that is no later than the image before by the board's clock: no time would have passed for its encoders.
     """
     whole = state.image_ok != 0
-    fresh = whole and state.image[IMAGE_COUNT] != state.image_seen and state.image_age_ns <= params.image_age_ns
+    fresh = whole and is_new(params, state)
     state.unchanged = 0 if fresh else state.unchanged + 1
     if whole:
         state.image_seen = state.image[IMAGE_COUNT]

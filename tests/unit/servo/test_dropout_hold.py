@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 
@@ -280,3 +282,56 @@ def test_a_board_that_is_always_a_little_behind_is_as_good_as_another() -> None:
     bench.behind_ns = int(0.99 * PATIENT_MS * 1e6)
     moving(bench)
     assert not np.any(bench.rows()["flags"][-100:] & FLAG_UNSEEN)
+
+
+# --------------------------------------------------------------------------------------------- the clock of the board
+
+
+def behind_a_gateway(bench: ServoBench, far_ns: Callable[[int], int]) -> None:
+    """From now on the board's clock is `far_ns` of ours, which tells when it was asked."""
+
+    def ask(now_ns: int) -> None:
+        bench.board.facts.taken_ns = now_ns
+        bench.behind_ns = now_ns - far_ns(now_ns)
+
+    bench.before.append(ask)
+
+
+@pytest.mark.parametrize("stands", [True, False])
+def test_a_board_whose_clock_stands_or_goes_back_is_gone_as_soon_as_a_silent_one(stands: bool) -> None:
+    bench = patient(1000.0)
+    moving(bench, seconds=0.15)
+    last_ns = bench.now_ns - bench.settings.period_ns
+    behind_a_gateway(bench, lambda now_ns: last_ns if stands else now_ns - 500_000_000)
+    assert bench.until(lambda: bench.mode is Mode.FAULT) == round(PATIENT_MS) + 1
+    assert (bench.fault, bench.safe) == (FaultCode.BOARD_GONE, True)
+    bench.mailbox.request_power(False)
+    bench.mailbox.request_clear()
+    bench.tick(10)
+    assert bench.mode is (Mode.FAULT if stands else Mode.OFF)  # another clock is as good as the one before
+    assert stands or bench.hold().mode is Mode.HOLDING
+
+
+@pytest.mark.parametrize("far_ns", [0, 7])
+def test_an_arm_whose_board_has_a_clock_that_stands_gets_no_power(far_ns: int) -> None:
+    bench = ServoBench()
+    behind_a_gateway(bench, lambda _now_ns: far_ns)
+    bench.tick(10)
+    for _ in range(3):
+        bench.mailbox.request_power(True)
+        bench.tick(5)
+        assert (bench.mode, bench.event) == (Mode.OFF, FaultCode.BOARD_GONE)
+        bench.mailbox.request_power(False)
+        bench.tick()
+
+
+def test_an_image_that_its_board_has_stamped_no_later_than_the_one_before_is_none() -> None:
+    bench = patient(1000.0)
+    moving(bench, seconds=0.15)
+    late_ns = bench.settings.period_ns
+    behind_a_gateway(bench, lambda now_ns: now_ns - late_ns)
+    bench.tick()
+    assert bench.rows()["flags"][-1] & FLAG_UNSEEN
+    bench.tick()
+    assert not bench.rows()["flags"][-1] & FLAG_UNSEEN
+    assert bench.mode is Mode.TRACKING
