@@ -144,12 +144,13 @@ def _take_pose(params: ServoParameters, state: ServoState) -> None:
 
 @lean_kernel
 def move_frame(params: ServoParameters, state: ServoState) -> None:
-    """The counts have another zero now: positions and reference follow, and nothing has moved."""
+    """The counts have another zero now: positions, reference and where the arm is parked follow; nothing has moved."""
     counts_to_joint(state.counts, params.transmission, state.scratch)
     for j in range(state.q.size):
         step = state.scratch[j] - state.q_before[j]
         state.q_ref[j] += step
         state.observed[j] += step
+        state.watch.q_parked[j] += step
         state.q_before[j] = state.scratch[j]
 
 

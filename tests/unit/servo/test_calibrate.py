@@ -17,6 +17,7 @@ from qrobot.servo.calibration.state import PLAUSIBLE, Stage
 from qrobot.servo.calibration.table import CalibrationTable
 from qrobot.servo.memory.mailbox import ServoMailbox
 from qrobot.servo.memory.published_state import FLAG_CALIBRATED, FLAG_ESTOP_OK
+from qrobot.servo.memory.stop_record import read_incident
 from qrobot.servo.operator.calibration_client import run_calibration
 from qrobot.sim_board.emulator import Emulator
 from qrobot.sim_board.faults import FaultPlan
@@ -268,6 +269,20 @@ def test_potentiometers_that_do_not_answer_keep_the_arm_without_power_until_they
     rig.run_for(0.1)
     assert rig.powered().mode is Mode.HOLDING
     assert rig.emulator.calibrated
+
+
+def test_a_pose_that_the_potentiometers_tell_late_is_no_slip_of_brakes_and_one_that_follows_is_told() -> None:
+    rig = CalibratingRig(conversion_ns=1 << 50)
+    rig.run_for(0.3)  # the brakes have caught the arm
+    assert np.abs(rig.seen.q - rig.emulator.q).max() > 0.5
+    rig.emulator.bundle.board.options["conversion_ns"] = 20_000
+    rig.run_for(0.1)
+    assert np.abs(rig.seen.q - rig.emulator.q).max() < 0.03
+    assert read_incident(rig.state.watch.incident) is None
+    for _ in range(round(1.2e3 * PUMA.guard.brake_slip)):
+        rig.emulator.bundle.plant.q[1] += 1e-3
+        rig.ticks(1)
+    assert rig.event == (FaultCode.BRAKE_SLIP, 1)
 
 
 @pytest.mark.parametrize("joint", range(PUMA.n))
