@@ -161,6 +161,22 @@ def test_a_potentiometer_that_goes_with_its_encoder_is_trusted_without_a_table()
     assert arm.rig.state.pots.proof[0] == PROVEN
 
 
+@pytest.mark.parametrize("proof", [PROVEN, REFUTED])
+def test_what_a_potentiometer_has_shown_without_a_table_counts_until_power_goes(proof: int) -> None:
+    rig = LockstepRig(PUMA, ServoSettings(), Emulator(PUMA, physics="rigid"), keep_telemetry=False)
+    pots = rig.state.pots
+    rig.run_for(0.2)
+    rig.mailbox.request_power(True)
+    rig.run_for(0.1)
+    assert (pots.proof == UNPROVEN).all()
+    pots.proof[:] = proof
+    rig.mailbox.request_power(False)
+    rig.run_for(0.05)
+    rig.mailbox.request_power(True)
+    rig.run_for(0.1)
+    assert (pots.proof == UNPROVEN).all()
+
+
 @pytest.mark.parametrize("table", [False, True])
 def test_the_coarse_converter_of_revision_e_accuses_no_slow_joint(table: bool) -> None:
     settings = ServoSettings(calibration=TABLE if table else None)

@@ -51,18 +51,34 @@ def has_table(params: ServoParameters) -> bool:
 
 
 @lean_kernel
-def pots_judged(params: ServoParameters, state: ServoState) -> bool:
-    """True when the potentiometers have had their say, or none is wanted."""
-    return not has_table(params) or state.pots.verdict != UNJUDGED
+def answer_pots(params: ServoParameters, state: ServoState) -> bool:
+    """True when the potentiometers have had their say on a request for power, or none is wanted; ask in each cycle.
+
+    They have found the counters right before, but an encoder may have been off since: each request has them read anew.
+    """
+    if not has_table(params):
+        return True
+    pots = state.pots
+    if pots.asked_at != state.tick - 1 and pots.verdict == PLAUSIBLE:
+        forget_pots(state)
+    pots.asked_at = state.tick
+    return bool(pots.verdict != UNJUDGED)
+
+
+@lean_kernel
+def forget_trials(state: ServoState) -> None:
+    """Power comes on: what the potentiometers have shown beside their encoders is of the time before."""
+    for j in range(state.pots.followed.size):
+        state.pots.followed[j], state.pots.gone[j], state.pots.strayed[j] = 0, 0, 0
 
 
 @lean_kernel
 def forget_pots(state: ServoState) -> None:
-    """Another board, or other counters: read everything anew."""
+    """Another board, other counters, or another request for power: read everything anew."""
+    forget_trials(state)
     state.pots.verdict, state.pots.timeouts_before = UNJUDGED, state.adc.timeouts
     for j in range(state.pots.total.size):
         state.pots.total[j], state.pots.readings[j] = 0.0, 0
-        state.pots.followed[j], state.pots.gone[j], state.pots.strayed[j] = 0, 0, 0
         state.pots.low[j], state.pots.high[j], state.pots.proof[j] = 0.0, 0.0, UNPROVEN
 
 

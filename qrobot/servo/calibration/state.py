@@ -74,7 +74,7 @@ REFUTED, UNPROVEN, PROVEN = -1, 0, 1
 
 @dataclass(eq=False)
 class PotState:
-    """The potentiometers since the board was met."""
+    """The potentiometers since the board was met, or since power was asked for."""
 
     total: Any  # float64[n] pot - slope * counts, summed over the readings
     readings: Any  # int64[n]
@@ -93,6 +93,7 @@ class PotState:
     verdict: int = 0
     suspect: int = 0  # joint that IMPLAUSIBLE speaks of
     timeouts_before: int = 0  # conversions given up until the reading began
+    asked_at: int = 0  # tick of the newest cycle in which a request for power asked for them
 
 
 def make_pot_state(n: int) -> PotState:

@@ -11,7 +11,8 @@ robot file, which a deployment may have left as it was, so that one has to earn 
 | UNPROVEN           | quiet before power, and has not been moved yet                   | a motor gone, if it goes   |
 | PROVEN             | and has gone with its encoder for two turns of the motor         | the same, and one that     |
 |                    |                                                                  | stands, if it stands       |
-| REFUTED            | noisy before power, or has not gone with its encoder             | nothing, until power goes  |
+| REFUTED            | noisy before power, when the board was met,                      | nothing                    |
+|                    | or has not gone with its encoder                                 | nothing, until power goes  |
 
 An UNPROVEN one that is dead, absent or wired elsewhere thus never excuses an encoder, nor accuses one by its noise.
 """

@@ -13,7 +13,7 @@ from qrobot.hwif.registers import STATUS_CALIBRATED, STATUS_ESTOP_OK, STATUS_POW
 from qrobot.modecodes import Mode
 from qrobot.realtime.atomics import load_acquire
 from qrobot.realtime.jit import lean_kernel, part_kernel
-from qrobot.servo.calibration.potentiometers import has_table, pots_judged
+from qrobot.servo.calibration.potentiometers import answer_pots, forget_trials, has_table
 from qrobot.servo.calibration.state import (
     DEFAULT_INDEXES,
     FEWEST_INDEXES,
@@ -180,7 +180,7 @@ def _leave_off(params: ServoParameters, state: ServoState, mail: Any, now_ns: in
         report_event(state, GUARD_LOST)
     elif not _at_rest(state):
         report_event(state, MOVING_AT_START)
-    elif not pots_judged(params, state):
+    elif not answer_pots(params, state):
         state.power_seen = 0  # as if asked in the next cycle: the potentiometers are being read
         report_event(state, NONE)  # what was said of an earlier request is no answer to this one
     elif has_table(params) and state.pots.verdict > PLAUSIBLE:
@@ -199,6 +199,7 @@ def _watch_power_up(params: ServoParameters, state: ServoState, mail: Any, now_n
         for k in range(state.memory.size):
             state.memory[k] = 0.0
         forget_bias(state.swap)
+        forget_trials(state)
         forget_yielding(state)  # the stop that gave way may have ended in a fault
         drop_all_frames(mail)
         set_mode(state, HOLDING if state.status & STATUS_CALIBRATED != 0 else UNCALIBRATED)

@@ -271,6 +271,25 @@ def test_potentiometers_that_do_not_answer_keep_the_arm_without_power_until_they
     assert rig.emulator.calibrated
 
 
+def test_counters_that_lost_turns_while_the_arm_had_no_power_get_it_no_more() -> None:
+    rig = CalibratingRig(calibrated=True)
+    rig.mailbox.request_power(True)
+    rig.run_for(0.1)
+    assert rig.mode is Mode.HOLDING
+    rig.mailbox.request_power(False)
+    rig.run_for(0.02)
+    assert rig.mode is Mode.OFF
+    for _ in range(100):  # two motor turns of joint 4, which has no brake: its encoder is plugged in again afterwards
+        rig.emulator.bundle.board.encoders.counter[3] += 20
+        rig.ticks(1)
+    rig.run_for(0.1)
+    assert rig.event[0] is FaultCode.NONE
+    rig.mailbox.request_power(True)
+    rig.run_for(0.1)
+    assert (rig.mode, rig.event) == (Mode.OFF, (FaultCode.CAL_MISMATCH, 3))
+    assert not rig.emulator.powered
+
+
 def test_a_pose_that_the_potentiometers_tell_late_is_no_slip_of_brakes_and_one_that_follows_is_told() -> None:
     rig = CalibratingRig(conversion_ns=1 << 50)
     rig.run_for(0.3)  # the brakes have caught the arm
@@ -591,7 +610,10 @@ def powering() -> CalibratingRig:
     rig = CalibratingRig()
     rig.run_for(0.3)
     rig.mailbox.request_power(True)
-    rig.ticks(1)
+    for _ in range(200):
+        if rig.mode is not Mode.OFF:  # the potentiometers have been read
+            break
+        rig.ticks(1)
     return rig
 
 
