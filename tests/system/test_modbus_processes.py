@@ -136,7 +136,7 @@ def test_a_gateway_process_is_the_board_of_its_arm_and_follows_the_server(served
     arm = f"near{uuid.uuid4().hex[:8]}"
     table = f"{{ port = {served.port}, period_ms = {PERIOD_MS}, timeout_ms = 500.0 }}"
     transport = f"[arm.board]\nkind = 'modbus'\nmodbus = {table}\n"
-    deployment = served.deployment(arm, transport + "[arm.servo]\nboard_timeout_ms = 20.0\n")
+    deployment = served.deployment(arm, transport + "[arm.servo]\nrate_hz = 250\nboard_timeout_ms = 20.0\n")
     served.rig.start(ProcessPlan("near", ["board", deployment], partial(board_ready, arm)))
     with attach_board_memory(arm) as memory:
         assert memory.memory.facts.period_ns == PERIOD_MS * 1e6

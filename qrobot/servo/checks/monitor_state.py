@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any, Final, NamedTuple
 
 import numpy as np
 
 from qrobot.config import Robot
+from qrobot.errors import ConfigError
 from qrobot.model.dynamics import DynamicsParams, dynamics_params, with_payload
+from qrobot.servo.checks.momentum_observer import STALE
 from qrobot.servo.kernels.interpolation_polynomials import find_form
 from qrobot.servo.memory.stop_record import INCIDENT_WORDS
 from qrobot.servo.settings import ServoSettings
@@ -16,6 +19,7 @@ from qrobot.units import NS_PER_S
 
 PACE_PER_S: Final = 200.0  # of the momentum observer: 5 ms, about what the velocity's low pass takes
 FASTEST_SHARE: Final = 0.5  # of a deviation the observer may take back in one cycle; slow servos have a slower one
+MOST_UNSEEN: Final = STALE / 1.15  # of its time constants between two exchanges: they are not even [A]
 # Friction as commanded torque, over the Coulomb friction of the robot file, where that is a third too low, sticks by a
 # factor of 1.3 and the motor gives a fifth too little [A]: at break-away, and beyond that of the sliding joint.
 HELD_SHARE: Final = 1.3 * 1.3 / 0.8
@@ -107,6 +111,27 @@ class WatchState:
     work: float = 0.0  # of the torques nobody commanded, of late, J
 
 
+def observer_pace(settings: ServoSettings) -> float:
+    """Pace of the momentum observer at the servo's rate, 1/s."""
+    return min(PACE_PER_S, FASTEST_SHARE / (settings.period_ns / NS_PER_S))
+
+
+def check_exchanges(settings: ServoSettings) -> None:
+    """Refuse a board that is asked so seldom that the watch over the motors would begin anew with each of its images.
+
+    Raises ConfigError with the rate that the servo may have, and how often the board is to be asked for this one.
+    """
+    longest_ms = 1e3 * MOST_UNSEEN / observer_pace(settings)
+    if settings.position_drives or settings.exchange_ms <= longest_ms:
+        return
+    highest_hz = math.floor(1e3 * MOST_UNSEEN / (FASTEST_SHARE * settings.exchange_ms))
+    raise ConfigError(
+        f"a servo of {settings.rate_hz:g} Hz would notice no collision and no dead encoder behind a board that is "
+        f"asked every {settings.exchange_ms:g} ms: lower rate_hz to {highest_hz} at most, or ask the board every "
+        f"{math.floor(100.0 * longest_ms) / 100.0:g} ms at least (period_ms)"
+    )
+
+
 def watch_params(robot: Robot, settings: ServoSettings) -> WatchParams:
     """Thresholds for `robot` at the servo's rate.
 
@@ -122,7 +147,7 @@ def watch_params(robot: Robot, settings: ServoSettings) -> WatchParams:
         unexplained=torque * guard.unexplained_torque_or_default,
         impossible=torque * IMPOSSIBLE_TORQUE * guard.tau_max,
         runaway_speed=robot.limits.v_max * guard.runaway_share,
-        pace=min(PACE_PER_S, FASTEST_SHARE / period_s),
+        pace=observer_pace(settings),
         braked=np.array(robot.transmission.brake, dtype=np.int64),
         brake_slip=guard.brake_slip * np.ones(robot.n),
         unit_per_count=unit_per_count,

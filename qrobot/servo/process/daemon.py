@@ -40,6 +40,7 @@ from qrobot.realtime.shared_memory import segment_path
 from qrobot.realtime.signals import ending_signals, handled, interrupted_by_sigterm
 from qrobot.realtime.startup_order import await_turn, turn_is_awaited
 from qrobot.report import QueuedReport, Report
+from qrobot.servo.checks.monitor_state import check_exchanges
 from qrobot.servo.laws.law import Law
 from qrobot.servo.laws.law_swap import SwapState
 from qrobot.servo.laws.names import law_label
@@ -279,12 +280,13 @@ def serve(
 
     Raises:
         ConfigError: the robot has more joints than a board or this one, the card's ports are refused, or the gains by
-            `servo.laws.stability`.
+            `servo.laws.stability`; a board behind a gateway is asked too seldom for the rate.
         LinkError: no board serves this arm, or no card answers.
         LinkBusy: another servo runs this arm.
     """
     check_encoders(robot.name, robot.n)
     check_gains(robot, settings)
+    check_exchanges(settings)
     card = make_card(NO_CARD) if card is None else card
     board_comes_later = turn_is_awaited()
     if not board_comes_later:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable
 from typing import Any
 
@@ -14,10 +15,13 @@ from qrobot.errors import ConfigError
 from qrobot.faultcodes import FaultCode
 from qrobot.hwif.registers import STATUS_CALIBRATED, STATUS_ESTOP_OK, STATUS_POWER
 from qrobot.modecodes import Mode
+from qrobot.report import QueuedReport
 from qrobot.servo.checks.fault_monitors import SETTLE_S
+from qrobot.servo.checks.monitor_state import check_exchanges
 from qrobot.servo.laws.law import law
 from qrobot.servo.memory.stop_record import INCIDENT_WORDS, Incident, read_incident
-from qrobot.servo.settings import Overrun
+from qrobot.servo.process.daemon import serve
+from qrobot.servo.settings import Overrun, ServoSettings
 from tests.support.servo_bench import ServoBench, moving
 
 STRICT = Overrun(misses_in_a_row=3, late_share=0.01, window_s=1.0)
@@ -308,3 +312,51 @@ def test_an_event_without_a_measurement_is_told_of_without() -> None:
     told = incident_of(bench)
     assert told.measured(bench.robot.prismatic) == ""
     assert "ESTOP: " in told.line(bench.robot.prismatic)
+
+
+# ---------------------------------------------------------------------------------------------- boards asked seldom
+
+
+@pytest.mark.parametrize(
+    ("rate_hz", "exchange_ms", "noticed"),
+    [(1000.0, 1.0, True), (1000.0, 3.0, True), (1000.0, 4.0, False), (250.0, 4.0, True)],
+)
+def test_a_board_that_is_asked_so_seldom_that_no_push_is_noticed_is_refused(
+    rate_hz: float, exchange_ms: float, noticed: bool
+) -> None:
+    bench = ServoBench(rate_hz=rate_hz, obeys_model=True, board_timeout_ms=20.0).hold()
+    bench.follows, cycles, first = False, round(exchange_ms * 1e-3 * rate_hz), bench.state.tick
+
+    def push(_now_ns: int) -> None:
+        bench.q[0] += 0.4 / rate_hz
+        bench.frozen = (bench.state.tick - first) % cycles != 0
+
+    bench.before.append(push)
+    bench.run(0.08)
+    assert (bench.event is not FaultCode.NONE) == noticed
+    settings = ServoSettings(rate_hz=rate_hz, exchange_ms=exchange_ms, board_timeout_ms=20.0)
+    if noticed:
+        check_exchanges(settings)
+        return
+    with pytest.raises(
+        ConfigError, match="would notice no collision and no dead encoder behind a board that is asked every"
+    ):
+        check_exchanges(settings)
+    check_exchanges(ServoSettings(rate_hz=rate_hz, exchange_ms=exchange_ms, position_drives=True))
+
+
+def test_a_servo_does_not_start_behind_a_board_that_is_asked_too_seldom() -> None:
+    settings, report = ServoSettings(exchange_ms=4.0, unchecked_gains=True), QueuedReport(lambda _line: None)
+    with pytest.raises(ConfigError, match=r"lower rate_hz to 326 at most, .* every 3\.26 ms at least"):
+        serve("nobody", load_robot("puma560"), settings, False, report, lambda: None)
+
+
+@pytest.mark.parametrize("rate_hz", [100.0, 300.0, 1000.0, 4000.0])
+@pytest.mark.parametrize("exchange_ms", [13.2, 20.0, 25.0])
+def test_the_rate_and_the_time_between_exchanges_that_are_told_are_taken(rate_hz: float, exchange_ms: float) -> None:
+    with pytest.raises(ConfigError) as refusal:
+        check_exchanges(ServoSettings(rate_hz=rate_hz, exchange_ms=exchange_ms))
+    told = re.search(r"to (\d+) at most, .* every ([\d.]+) ms at least", str(refusal.value))
+    assert told is not None
+    check_exchanges(ServoSettings(rate_hz=float(told[1]), exchange_ms=exchange_ms))
+    check_exchanges(ServoSettings(rate_hz=rate_hz, exchange_ms=float(told[2])))
