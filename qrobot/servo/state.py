@@ -127,7 +127,7 @@ class ServoState:
     power_seen: int = 0  # level of the power request at the last tick
     clears_seen: int = 0
     stops_seen: int = 0
-    stop_asked: int = 0  # 1: somebody asked for a stop in this cycle
+    stop_asked: int = 0  # 1: somebody asked in this cycle for a stop, or for an end of power
     resumes_seen: int = 0
     resumed_until_ns: int = 0  # until then programs are told of a pause, whose end they have to hear
     powering_since_ns: int = 0

@@ -293,6 +293,7 @@ def _leave_fault(params: ServoParameters, state: ServoState, mail: Any, now_ns: 
 @lean_kernel
 def _power_off(params: ServoParameters, state: ServoState, mail: Any, now_ns: int) -> None:
     """The power request is gone: stop first when moving, and let counters be loaded."""
+    state.stop_asked = 1  # outputs that a stop ends do not go on without power because nothing moved
     if state.mode in (TRACKING, STOPPING):
         begin_stop(params, state, mail, now_ns, OFF)
     elif state.mode != FAULTED and not _loads_counters(state):

@@ -123,6 +123,10 @@ def take_power_away(bench: ServoBench) -> None:
     bench.mailbox.request_power_off()
 
 
+def drop_the_request(bench: ServoBench) -> None:
+    bench.mailbox.request_power(False)
+
+
 def slip_an_encoder(bench: ServoBench) -> None:
     bench.slip[0] = 5000
 
@@ -131,7 +135,9 @@ def drop_power(bench: ServoBench) -> None:
     bench.status = STATUS_CALIBRATED | 1 & ~STATUS_POWER
 
 
-@pytest.mark.parametrize("stop", [press_estop, ask_for_a_stop, take_power_away, slip_an_encoder, drop_power])
+@pytest.mark.parametrize(
+    "stop", [press_estop, ask_for_a_stop, take_power_away, drop_the_request, slip_an_encoder, drop_power]
+)
 def test_a_stop_switches_off_what_does_not_hold_until_its_program_has_let_go(
     stop: Callable[[ServoBench], None],
 ) -> None:
