@@ -42,21 +42,25 @@ class LawChanges:
         self._servo = servo
         self._kept = {servo.law.address: (servo.law, servo.law_name)}  # the loop may still be in one: no code is let go
         self._names_told, self._names_noted = 0, ""
+        self._changing = threading.Lock()  # what is in force changes, or is compared with what was told
         self._note_swap()
 
     def change_law(self, request: ChangeLaw, given_up: threading.Event) -> None:
         """Try the law beside the loop, which goes on, then ask for the swap, unless whoever wanted it has gone."""
         servo = self._servo
-        if servo.law.compliant and request.name == servo.law_name:
-            self._change_settings(request)
-            return
+        with self._changing:
+            self._note_law_before(servo.mailbox.snapshot())
+            if servo.law.compliant and request.name == servo.law_name:
+                self._change_settings(request)
+                return
         mode = servo.mailbox.snapshot().mode
         if mode not in (Mode.OFF, Mode.HOLDING):  # before the law is loaded: that may take seconds
             raise _not_now(mode)
         law = tried_law(request.name, servo.robot, request.settings, servo.mailbox.info.period_ns, given_up)
         if given_up.is_set():
             raise LinkLost("whoever asked for the law has gone: it has not been taken")
-        self._swap(law, request.name, np.array(servo.swap.gains))
+        with self._changing:
+            self._swap(law, request.name, np.array(servo.swap.gains))
 
     def _change_settings(self, request: ChangeLaw) -> None:
         """Give a compliant law other settings, in any mode; those left out stay."""
@@ -73,8 +77,10 @@ class LawChanges:
     def change_gains(self, request: ChangeGains) -> None:
         """Take other gains for the law in force, as that takes a law. Raises QRobotError for gains that do not fit."""
         servo = self._servo
-        gains = changed_gains(servo.robot.control, np.array(servo.swap.gains), request)
-        self._swap(servo.law, servo.law_name, gains)
+        with self._changing:
+            self._note_law_before(servo.mailbox.snapshot())
+            gains = changed_gains(servo.robot.control, np.array(servo.swap.gains), request)
+            self._swap(servo.law, servo.law_name, gains)
 
     def _swap(self, law: Law, name: str, gains: Matrix) -> None:
         servo = self._servo
@@ -100,12 +106,17 @@ class LawChanges:
     def note_fallback(self) -> None:
         """Tell people and readers once the servo has gone back to the law before, because the one in force failed.
 
-        Readers also hear of new names of a program's numbers. To be called while no law is being changed.
+        Readers also hear of new names of a program's numbers. While something is being changed nothing is looked at.
         """
-        with suppress(LinkError):  # the loop was interrupted while it wrote: the next look will do
-            now = self._servo.mailbox.snapshot()
-            self._note_names(now)
-            self._note_law_before(now)
+        if not self._changing.acquire(blocking=False):
+            return
+        try:
+            with suppress(LinkError):  # the loop was interrupted while it wrote: the next look will do
+                now = self._servo.mailbox.snapshot()
+                self._note_names(now)
+                self._note_law_before(now)
+        finally:
+            self._changing.release()
 
     def _note_names(self, now: ServoSnapshot) -> None:
         mailbox = self._servo.mailbox

@@ -155,8 +155,7 @@ class Controls:
 
     def note_fallback(self) -> None:
         """Tell people and readers of a law that failed, unless one is being changed."""
-        if not self._commanding.locked():
-            self._laws.note_fallback()
+        self._laws.note_fallback()
 
     def stop_abandoned_calibration(self) -> None:
         """Stop a calibration whose commander was killed: nobody follows what the joints do any more."""

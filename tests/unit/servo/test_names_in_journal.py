@@ -119,6 +119,42 @@ def test_a_law_that_failed_is_told_for_the_cycles_it_was_in_force(servo: Servo, 
     assert servo.said[-1] == "law qrobot is in force again: the one after it has failed"
 
 
+def test_gains_after_a_clear_are_those_of_the_law_that_is_back_also_where_nobody_has_noticed_yet(servo: Servo) -> None:
+    servo.changes._swap(find_law("pd", ROBOT), "pd", servo.bench.state.swap.gains.copy())
+    fall_back(servo.swap)
+    servo.changes.change_gains(ChangeGains(kv=tuple(servo.robot.control.kv)))
+    assert (servo.law_name, servo.swap.law_at) == ("qrobot", find_law("qrobot", ROBOT).address)
+
+
+def test_settings_of_a_soft_law_that_failed_are_not_given_to_the_law_that_is_back(
+    servo: Servo, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    back, body = servo.law, find_law("pd", ROBOT).body
+    soft = Law(body, (Setting("softness", 1.0, 0.0, 2.0, "", "how soft"),), compliant=True)
+    monkeypatch.setattr(law_changes, "tried_law", lambda _name, _robot, chosen, *_: soft.with_settings(chosen))
+    servo.changes._swap(soft, "soft", servo.bench.state.swap.gains.copy())
+    fall_back(servo.swap)
+    servo.changes.change_law(ChangeLaw(name="soft", settings={"softness": 2.0}), threading.Event())
+    assert "law qrobot is in force again: the one after it has failed" in servo.said
+    assert (servo.law_name, servo.swap.law_at, servo.swap.settings[0]) == ("soft", soft.address, 2.0)
+    fall_back(servo.swap)
+    assert (servo.swap.law_at, list(servo.swap.settings)) == (back.address, list(back.values))
+
+
+def test_a_law_is_not_told_as_one_that_is_back_while_it_is_being_taken(
+    servo: Servo, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def look_beside_the_swap(_done: object) -> None:
+        servo.bench.tick(1)
+        servo.changes.note_fallback()
+
+    monkeypatch.setattr(law_changes, "await_loop", look_beside_the_swap)
+    monkeypatch.setattr(law_changes, "tried_law", lambda *_: find_law("pd", ROBOT))
+    servo.changes.change_law(ChangeLaw(name="pd"), threading.Event())
+    assert servo.law_name == "pd"
+    assert not [line for line in servo.said if "in force again" in line]
+
+
 def test_a_servo_keeps_a_law_once_however_often_its_gains_and_its_settings_are_changed(servo: Servo) -> None:
     """The process whose memory is locked must not be the one that runs out."""
     kv = np.array(servo.robot.control.kv)
