@@ -92,7 +92,10 @@ def _look_on(
     heard = [True for _ in looks]
     while not done.wait(LOOK_S):
         for k, each in enumerate(looks):
-            now = each.look() != NOT_HEARD_OF
+            try:
+                now = each.look() != NOT_HEARD_OF
+            except LinkError:  # our own loop was interrupted while it wrote: the next look will do
+                continue
             if now != heard[k]:
                 heard[k] = now
                 why = f" ({others[k].mismatch})" if others[k].mismatch else ""

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
@@ -16,7 +17,7 @@ from qrobot.cli.arms import choose_arm, neighbours_of_arm
 from qrobot.cli.console import run_app
 from qrobot.cli.main import make_app
 from qrobot.config import load_deployment
-from qrobot.errors import ConfigError
+from qrobot.errors import ConfigError, LinkError
 from qrobot.faultcodes import FaultCode
 from qrobot.fences.gate import REACTION_S
 from qrobot.modecodes import Mode
@@ -296,6 +297,21 @@ def test_the_servo_s_thread_looks_at_another_servo_whenever_it_comes_and_goes(fi
     give_time()
     assert told[0, LOOKS] == looks
     assert not told[1:].any()
+
+
+@pytest.mark.realtime
+def test_the_servo_s_thread_goes_on_looking_after_states_of_its_own_loop_that_cannot_be_read(file: str) -> None:
+    (neighbour,) = neighbours_of_arm(choose_arm(file, "left"), file)
+    other = replace(neighbour, name=f"t{uuid.uuid4().hex[:10]}")
+    told, read = np.zeros((4, N_NEIGHBOUR)), list[int]()
+
+    def snapshot() -> None:
+        read.append(len(read))
+        if len(read) <= 3:
+            raise LinkError("the servo's state cannot be read")
+
+    with looking([other], cast(ServoMailbox, SimpleNamespace(snapshot=snapshot)), told, lambda _: None):
+        wait_until(lambda: told[0, LOOKS] > 2, "it looks")
 
 
 @pytest.mark.parametrize(
