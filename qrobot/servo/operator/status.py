@@ -115,8 +115,11 @@ def _hung(servo: Controlled) -> str:
 
 
 def _text(servo: Controlled, code: int, joint: int) -> str:
-    """Meaning of a code, with the value measured if it is the reason for which the servo last left a mode."""
+    """Meaning of a code, with the value measured if it is the reason for which the servo last left a mode.
+
+    A collision of an arm that holds ends no mode: an older one of another joint is not its reason.
+    """
     incident = servo.incident
-    if incident is not None and incident.code == code:
+    if incident is not None and incident.code == code and joint in (NO_JOINT, incident.joint):
         return incident.why(servo.robot.prismatic)
     return explain(code, joint) if code else ""

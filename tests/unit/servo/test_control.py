@@ -34,6 +34,7 @@ from qrobot.realtime.page_faults import FaultWatch
 from qrobot.realtime.structure import view_words
 from qrobot.report import QueuedReport
 from qrobot.servo.calibration.state import IMPLAUSIBLE, UNJUDGED
+from qrobot.servo.event import report_event
 from qrobot.servo.laws.law import KP, KV, Law
 from qrobot.servo.laws.law_swap import SwapState
 from qrobot.servo.laws.shipped import LAWS, find_law
@@ -42,7 +43,7 @@ from qrobot.servo.memory.commander_lock import Authority
 from qrobot.servo.memory.law_history import JournalReader
 from qrobot.servo.memory.mailbox import ServoMailbox
 from qrobot.servo.memory.servo_memory import create_servo_memory, journal_base
-from qrobot.servo.memory.stop_record import Incident, read_incident
+from qrobot.servo.memory.stop_record import Incident, note_incident, read_incident
 from qrobot.servo.operator import client as client_module
 from qrobot.servo.operator import law_changes, loop_wait
 from qrobot.servo.operator.board_status import board_status
@@ -934,6 +935,16 @@ def test_the_status_of_a_faulted_servo_tells_what_was_measured_and_what_was_allo
     status = Controls(Bench(bench)).status()
     assert (status.mode, status.fault) == ("FAULT", FaultCode.FOLLOWING)
     assert re.match(r"joint 3: 0\.\d+ rad, limit 0\.06 rad; FOLLOWING: a joint lags", status.text)
+
+
+def test_the_status_of_a_held_arm_that_is_pushed_tells_no_other_joint_s_older_collision() -> None:
+    bench = ServoBench().hold()
+    state, code = bench.state, int(FaultCode.COLLISION)
+    note_incident(state.watch.incident, 0, 0, code, 4, 7.1, 5.2, int(Mode.TRACKING), int(Mode.STOPPING), 9)
+    for joint, text in ((4, "joint 5: 7.1 N m, limit 5.2 N m; COLLISION: "), (1, "joint 2: COLLISION: ")):
+        report_event(state, code, joint)
+        bench.tick()
+        assert Controls(Bench(bench)).status().text.startswith(text)
 
 
 @pytest.mark.parametrize("mistake", [ZeroDivisionError("ours"), SystemExit("ours")])
