@@ -96,6 +96,8 @@ def watch_modules(state: ServoState) -> None:
     watch, losses = state.watch, state.module_losses
     if losses > watch.losses_told and state.mode in (HOLDING, TRACKING, STOPPING):
         report_warning(state, IO_LOST)
+        if state.event != IO_LOST:
+            return  # it is told when what stands there now has gone
     watch.losses_told = losses
 
 

@@ -144,6 +144,18 @@ def test_a_lost_module_is_told_of_once_and_stops_nothing() -> None:
     assert bench.event is FaultCode.NONE
 
 
+def test_a_module_lost_while_something_else_is_told_is_told_of_once_when_that_has_gone() -> None:
+    bench = tracking()
+    bench.state.event = int(FaultCode.COLLISION)
+    bench.board.facts.module_losses += 1
+    bench.tick(20)
+    assert bench.event is FaultCode.COLLISION
+    for told in (FaultCode.IO_LOST, FaultCode.NONE):
+        bench.state.event = 0
+        bench.tick(20)
+        assert (bench.mode, bench.event) == (Mode.TRACKING, told)
+
+
 def test_a_module_lost_before_the_arm_has_power_is_no_answer_to_the_request_for_it() -> None:
     bench = ServoBench()
     bench.board.facts.module_losses = 3
