@@ -23,7 +23,7 @@ from qrobot.servo.modes import gives_torque
 from qrobot.servo.parameters import ServoParameters
 from qrobot.servo.protection import check_inputs, check_reference
 from qrobot.servo.stages.analog_outputs import settle_analog
-from qrobot.servo.stages.binary_outputs import settle_outputs, stop_stands
+from qrobot.servo.stages.binary_outputs import asked_outputs, settle_outputs, stop_stands
 from qrobot.servo.stages.collision_stop import complies, give_way, take_collision
 from qrobot.servo.stages.dropout_hold import hold_through_dropout
 from qrobot.servo.stages.guiding import lead_by_hand, note_unled
@@ -69,8 +69,9 @@ def cycle(params: ServoParameters, state: ServoState, mail: Any, now_ns: int, la
     apply_faults(params, state, mail, now_ns)
     drive(params, state)  # the law, and the check of its torque
     apply_faults(params, state, mail, now_ns)
+    asked = asked_outputs(params, state, mail)
     stopped = stop_stands(params, state, mail, now_ns)
-    settle_outputs(params, state, mail, stopped)
+    settle_outputs(params, state, mail, asked, stopped)
     settle_analog(params, state, mail, stopped)
     n_ops = write(params, state, mail)
     publish(params, state, mail, now_ns, late_ns)

@@ -24,6 +24,23 @@ FAULTED: Final = int(Mode.FAULT)
 
 
 @lean_kernel
+def asked_outputs(params: ServoParameters, state: ServoState, mail: Any) -> int:
+    """What the program asks for, behind which what it has let go of is locked no longer.
+
+    To be read before `stop_stands`, which reads when it was said: what is new is not locked for the silence before it.
+    """
+    lines = params.outputs.lines
+    if lines == 0:
+        return 0
+    for k in range(N_OUTPUTS):
+        let_go = load_acquire(mail.command.outputs_let_go, k)
+        if let_go != state.outputs_let_go[k]:
+            state.outputs_let_go[k] = let_go
+            state.outputs_locked &= ~(1 << k)
+    return int(load_acquire(mail.command, "outputs") & lines)  # behind what was let go of, which is told after it
+
+
+@lean_kernel
 def stop_stands(params: ServoParameters, state: ServoState, mail: Any, now_ns: int) -> bool:
     """The arm is being stopped, or was; its board or the emergency stop is open; or nobody commands it."""
     asked = state.stop_asked != 0 or state.power_locked != 0
@@ -33,20 +50,14 @@ def stop_stands(params: ServoParameters, state: ServoState, mail: Any, now_ns: i
 
 
 @lean_kernel
-def settle_outputs(params: ServoParameters, state: ServoState, mail: Any, stopped: bool) -> None:
+def settle_outputs(params: ServoParameters, state: ServoState, mail: Any, asked: int, stopped: bool) -> None:
     """The outputs of this cycle, and the board's own lines among them in the shadow of DISCRETE.
 
-    `stopped` is what `stop_stands` tells.
+    `asked` is what `asked_outputs` tells, `stopped` what `stop_stands` does.
     """
     lines = params.outputs
     if lines.lines == 0:
         return
-    for k in range(N_OUTPUTS):
-        let_go = load_acquire(mail.command.outputs_let_go, k)
-        if let_go != state.outputs_let_go[k]:
-            state.outputs_let_go[k] = let_go
-            state.outputs_locked &= ~(1 << k)
-    asked = load_acquire(mail.command, "outputs") & lines.lines  # behind what was let go of, which is told after it
     if stopped:
         state.outputs_locked |= lines.off
     state.outputs_locked &= asked

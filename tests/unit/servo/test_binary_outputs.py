@@ -29,6 +29,7 @@ from qrobot.rci import Chg
 from qrobot.servo.memory.servo_memory import servo_front
 from qrobot.servo.output_lines import OutputWire
 from qrobot.servo.process.guardian import N_OWN, N_SAFE_OPS, look
+from qrobot.servo.stages.binary_outputs import asked_outputs, settle_outputs, stop_stands
 from tests.support.bus import BenchEndpoint, DirectBus
 from tests.support.deployment import LEFT
 from tests.support.servo_bench import ServoBench, moving
@@ -172,6 +173,19 @@ def test_a_program_that_let_go_for_less_than_a_cycle_has_let_go(stopped_anew: bo
         cell.bench.mailbox.request_stop()
     cell.bench.tick()  # in which it asks for all of them again
     assert cell.on == (HELD if stopped_anew else ALL)
+
+
+def test_what_a_program_says_after_a_silence_while_a_cycle_reads_it_is_taken_in_the_next_one() -> None:
+    cell = Cell()
+    cell.talks = False
+    cell.bench.skip(500)
+    params, state, mail, now_ns = cell.bench.params, cell.bench.state, cell.bench.mail, cell.bench.now_ns
+    asked = asked_outputs(params, state, mail)
+    cell.bench.mailbox.request_outputs(ALL, now_ns)
+    settle_outputs(params, state, mail, asked, stop_stands(params, state, mail, now_ns))
+    assert (state.outputs, state.outputs_locked) == (0, 0)
+    cell.bench.tick()
+    assert cell.on == ALL
 
 
 def test_a_stop_on_the_path_counts_from_its_first_cycle() -> None:
