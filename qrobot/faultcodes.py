@@ -220,7 +220,7 @@ EXPLANATION: dict[FaultCode, tuple[str, str]] = {
     FaultCode.START_POSE: ("the first setpoint is far from where the arm stands", "start from the measured position"),
     FaultCode.JOINT_LIMIT: (
         "a joint left its range",
-        "move it back by hand with brakes released, or `qrobot ctl clear` and jog back",
+        "`qrobot ctl clear` and jog back; or support the arm, release its brakes and move the joint back by hand",
     ),
     FaultCode.FOLLOWING: (
         "a joint lags behind its setpoint by more than allowed",

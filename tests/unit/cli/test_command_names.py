@@ -64,6 +64,12 @@ def test_a_fault_is_cleared_by_the_word_that_clears_it(code: FaultCode) -> None:
     assert not re.search(r"\breset\b", " ".join(EXPLANATION[code]))
 
 
+def test_advice_to_release_brakes_says_first_that_somebody_has_to_support_the_arm() -> None:
+    advised = [advice for _what, advice in EXPLANATION.values() if re.search(r"release.* brakes", advice)]
+    assert advised
+    assert all("support the arm" in advice.partition("release")[0] for advice in advised)
+
+
 def test_the_check_sees_a_command_that_does_not_exist() -> None:
     for words in (["reset"], ["ctl", "reset"], ["log", "recover"]):
         with pytest.raises(KeyError):
