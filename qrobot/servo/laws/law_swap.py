@@ -37,9 +37,11 @@ class SwapState:
 
     gains: Any  # in force, (3, n)
     last_gains: Any  # of the law before it, when it was left, (3, n)
+    first_gains: Any  # of the law that was in force from the start, when it was left, (3, n)
     next_gains: Any  # (3, n)
     settings: Any  # of the law in force, (32,)
     last_settings: Any  # of the law before it, (32,)
+    first_settings: Any  # of the first law, when it was left, (32,)
     next_settings: Any  # (32,)
     bias: Any  # N m (N), added to what the law says
     trial: Any  # what the law asked for says
@@ -52,8 +54,10 @@ class SwapState:
     done_tick: int = 0  # the cycle that dealt with it
     done_t_ns: int = 0  # planned time of that cycle
     last_law_at: int = 0  # address of the law before the one in force, 0 for none
+    first_law_at: int = 0  # address of the first law, behind which there is none
     compliant: int = 0  # 1: the law in force lets the arm give way
     last_compliant: int = 0  # of the law before it
+    first_compliant: int = 0  # of the first law
     next_compliant: int = 0  # of the law asked for
     only_settings: int = 0  # 1: asked for are other settings of the law in force, which goes over to them by itself
 
@@ -63,12 +67,16 @@ def make_swap_state(law: Law, gains: Any) -> SwapState:
     n = gains.shape[1]
     return SwapState(
         law_at=law.address,
+        first_law_at=law.address,
         compliant=int(law.compliant),
+        first_compliant=int(law.compliant),
         gains=np.array(gains),
         last_gains=np.zeros((N_GAINS, n)),
+        first_gains=np.array(gains),
         next_gains=np.zeros((N_GAINS, n)),
         settings=np.array(law.values),
         last_settings=np.zeros(N_SETTINGS),
+        first_settings=np.array(law.values),
         next_settings=np.zeros(N_SETTINGS),
         bias=np.zeros(n),
         trial=np.zeros(n),
@@ -125,12 +133,14 @@ def fade_bias(swap: Any, dt: float) -> None:
 
 @lean_kernel
 def install(swap: Any) -> int:
-    """Put the law asked for in force, as it is; the one before stays at hand."""
+    """Put the law asked for in force, as it is; the one before and the first one stay at hand."""
     if swap.law_at != swap.next_law_at:
         swap.last_law_at, swap.last_compliant = swap.law_at, swap.compliant
-        for k in range(swap.settings.size):
-            swap.last_settings[k] = swap.settings[k]
         _copy(swap.gains, swap.last_gains)
+        _copy_settings(swap.settings, swap.last_settings)
+        if swap.law_at == swap.first_law_at:
+            _copy(swap.gains, swap.first_gains)
+            _copy_settings(swap.settings, swap.first_settings)
     swap.law_at, swap.compliant = swap.next_law_at, swap.next_compliant
     _copy(swap.next_gains, swap.gains)
     return take_settings(swap)
@@ -144,25 +154,32 @@ def _copy(gains: Any, to: Any) -> None:
 
 
 @lean_kernel
+def _copy_settings(settings: Any, to: Any) -> None:
+    for k in range(settings.size):
+        to[k] = settings[k]
+
+
+@lean_kernel
 def take_settings(swap: Any) -> int:
     """Put the settings asked for in force."""
-    for k in range(swap.settings.size):
-        swap.settings[k] = swap.next_settings[k]
+    _copy_settings(swap.next_settings, swap.settings)
     return SWAPPED
 
 
 @lean_kernel
 def fall_back(swap: Any) -> None:
-    """Put the law before the one in force back, if there was one, for the one in force has failed.
+    """Put the law before the one in force back, for the one in force has failed; should that fail too, the first one.
 
     Its gains come back with it: those that were changed meanwhile have been judged for the other law.
     """
-    if swap.last_law_at == 0:
-        return
-    swap.law_at, swap.last_law_at, swap.compliant = swap.last_law_at, 0, swap.last_compliant
-    for k in range(swap.settings.size):
-        swap.settings[k] = swap.last_settings[k]
-    _copy(swap.last_gains, swap.gains)
+    if swap.last_law_at != 0:
+        swap.law_at, swap.last_law_at, swap.compliant = swap.last_law_at, 0, swap.last_compliant
+        _copy(swap.last_gains, swap.gains)
+        _copy_settings(swap.last_settings, swap.settings)
+    elif swap.law_at != swap.first_law_at:
+        swap.law_at, swap.compliant = swap.first_law_at, swap.first_compliant
+        _copy(swap.first_gains, swap.gains)
+        _copy_settings(swap.first_settings, swap.settings)
 
 
 @lean_kernel

@@ -13,9 +13,21 @@ from hypothesis import strategies as st
 from qrobot.config import load_robot
 from qrobot.faultcodes import FaultCode
 from qrobot.modecodes import Mode
+from qrobot.realtime.flat_record import record_of
 from qrobot.rig.lockstep import LockstepRig
-from qrobot.servo.laws.law import KP, KV, Law, law
-from qrobot.servo.laws.law_swap import FADE_S, NO_TORQUE, NOT_NOW, SWAPPED, ask_for_law, fade_bias, maybe_swap_result
+from qrobot.servo.laws.law import KP, KV, Law, Setting, law
+from qrobot.servo.laws.law_swap import (
+    FADE_S,
+    NO_TORQUE,
+    NOT_NOW,
+    SWAPPED,
+    ask_for_law,
+    fade_bias,
+    fall_back,
+    install,
+    make_swap_state,
+    maybe_swap_result,
+)
 from qrobot.servo.laws.shipped import LAWS, find_law
 from qrobot.servo.settings import ServoSettings
 from qrobot.sim_board.emulator import Emulator
@@ -201,3 +213,25 @@ def test_the_law_that_comes_back_has_the_gains_that_were_judged_for_it() -> None
     bench.until(lambda: bench.mode is Mode.OFF, 2.0)
     assert state.law_at == PD.address
     np.testing.assert_array_equal(state.gains, judged)
+
+
+def test_when_the_law_that_came_back_fails_too_the_deployments_own_comes_back_and_stays() -> None:
+    own = Law(QROBOT.body, (Setting("softness", 1.0, 0.0, 2.0, "", "how soft"),))
+    swap_state = record_of(make_swap_state(own, np.full((3, 6), 1.0)))
+
+    def take(new: Law, gains: float, compliant: bool) -> None:
+        ask_for_law(swap_state, new, np.full((3, 6), gains))
+        swap_state.next_compliant = int(compliant)
+        install(swap_state)
+
+    take(own.with_settings({"softness": 1.5}), 2.0, compliant=False)
+    take(PD, 3.0, compliant=True)
+    take(fails_later, 4.0, compliant=False)
+    for address, gains, softness, compliant in (
+        (PD.address, 3.0, 0.0, 1),
+        (own.address, 2.0, 1.5, 0),
+        (own.address, 2.0, 1.5, 0),
+    ):
+        fall_back(swap_state)
+        assert (swap_state.law_at, swap_state.compliant, swap_state.settings[0]) == (address, compliant, softness)
+        assert (swap_state.gains == gains).all()
