@@ -29,7 +29,7 @@ from qrobot.servo.neighbour import PATIENCE_S
 from qrobot.servo.output_lines import OutputParams, output_params
 from qrobot.servo.settings import ServoSettings
 from qrobot.servo.speed_share import speed_share
-from qrobot.units import NS_PER_S
+from qrobot.units import NS_PER_MS, NS_PER_S
 
 UNCHANGED_IMAGES: Final = 4  # so many cycles without a new image are never held against the board
 POWER_TIMEOUT_NS: Final = 3 * NS_PER_S
@@ -39,6 +39,8 @@ STANDSTILL_RAD_S: Final = 0.05  # faster than this the arm is not at rest: no po
 SHORTEST_STOP_S: Final = 0.02
 ADC_PATIENCE_NS: Final = 20_000_000  # a conversion takes microseconds, its way through a slow bus milliseconds
 ADC_PATIENCE_CYCLES: Final = 8
+# Exchanges with a board behind a gateway [A]: two until an image can answer, and as many again for those that are late.
+EXCHANGES_TO_ANSWER: Final = 4
 # Calibration [A]: slow enough for hundreds of potentiometer readings a turn, 0.15 to 0.3 rad/s on a PUMA 560.
 CREEP_TURNS_S: Final = 2.5  # motor turns a second
 CREEP_SHARE: Final = 0.25  # of the joint's greatest speed, at most
@@ -177,7 +179,7 @@ def servo_parameters(robot: Robot, settings: ServoSettings, guarded: bool | None
             shortest_stop_s=SHORTEST_STOP_S,
             sensor_mask=sum(1 << channel for channel in settings.sampled_channels),
             wrench=wrench_params(settings.force_sensor),
-            adc_patience=max(ADC_PATIENCE_CYCLES, math.ceil(ADC_PATIENCE_NS / settings.period_ns)),
+            adc_patience=_patience_cycles(settings, ADC_PATIENCE_NS),
             index_phase=np.array(robot.transmission.index_phase),
             pot_channel=np.array(robot.transmission.pot_channels),
             pots=int(settings.pots and not settings.position_drives),
@@ -187,7 +189,7 @@ def servo_parameters(robot: Robot, settings: ServoSettings, guarded: bool | None
             creep_torque=CREEP_TORQUE * robot.guard.tau_max,
             settle_cycles=math.ceil(SETTLE_NS / settings.period_ns),
             settle_patience=math.ceil(SETTLE_PATIENCE_NS / settings.period_ns),
-            load_patience=max(ADC_PATIENCE_CYCLES, math.ceil(LOAD_PATIENCE_NS / settings.period_ns)),
+            load_patience=_patience_cycles(settings, LOAD_PATIENCE_NS),
             watch=watch_params(robot, settings),
             outputs=output_params(settings.outputs),
             analog=analog_params(settings.analog_outputs, robot.n),
@@ -198,3 +200,9 @@ def servo_parameters(robot: Robot, settings: ServoSettings, guarded: bool | None
             scratch_bits=STATUS_CALIBRATED | STATUS_J6_OVERFLOW,
         )
     )
+
+
+def _patience_cycles(settings: ServoSettings, patience_ns: int) -> int:
+    """Cycles to wait for an answer of the board: for so long, or longer where the way to it is slow."""
+    exchanges_ns = EXCHANGES_TO_ANSWER * settings.exchange_ms * NS_PER_MS
+    return max(ADC_PATIENCE_CYCLES, math.ceil(max(patience_ns, exchanges_ns) / settings.period_ns))

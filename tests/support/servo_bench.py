@@ -112,6 +112,7 @@ class ServoBench:
         outputs: tuple[OutputWire, ...] = (),
         analog_outputs: tuple[AnalogWire, ...] = (),
         board_timeout_ms: float = 1.0,
+        exchange_ms: float = 0.0,
         reduced_speed_m_s: float = 0.0,
         tool_m: tuple[float, float, float] = (0.0, 0.0, 0.0),
     ) -> None:
@@ -128,6 +129,7 @@ class ServoBench:
             outputs=outputs,
             analog_outputs=analog_outputs,
             board_timeout_ms=board_timeout_ms,
+            exchange_ms=exchange_ms,
             reduced_speed_m_s=reduced_speed_m_s,
             pots=False,
             tool_m=tool_m,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import signal
 from collections.abc import Callable
 
@@ -10,7 +11,9 @@ import pytest
 
 from qrobot.errors import ConfigError, LinkTimeout, ServoFault
 from qrobot.faultcodes import NO_JOINT, FaultCode
+from qrobot.hwif.registers import DISCRETE, DISCRETE_CALIBRATED, ENC_LOAD
 from qrobot.modecodes import Mode
+from qrobot.model.transmission import count_word
 from qrobot.rig.interrupts import interrupted_by_signals
 from qrobot.rig.table_maker import make_table
 from qrobot.servo.calibration.state import PLAUSIBLE, Stage
@@ -22,6 +25,7 @@ from qrobot.servo.operator.calibration_client import run_calibration
 from qrobot.sim_board.emulator import Emulator
 from qrobot.sim_board.faults import FaultPlan
 from tests.support.calibrating import PUMA, TABLE, CalibratingRig, random_pose
+from tests.support.servo_bench import ServoBench, Write
 from tests.support.signals import at_once, default_signals
 
 
@@ -485,6 +489,31 @@ def test_a_stop_while_the_counters_are_loaded_lets_them_be_and_the_arm_stays_hel
     assert rig.emulator.powered
     assert rig.emulator.calibrated
     assert rig.exact()
+
+
+@pytest.mark.parametrize("exchange_ms", [2, 40])
+def test_loaded_counters_are_waited_for_however_rarely_the_board_is_asked(exchange_ms: int) -> None:
+    """Each exchange brings an image of what the one before has found posted."""
+    bench = ServoBench(calibrated=False, exchange_ms=exchange_ms, board_timeout_ms=2.0 * exchange_ms).hold()
+    bench.follows = False
+    state, posted, shift = bench.state, list[Write](), 1000
+    cal, since, cycles = state.cal, len(bench.writes), itertools.count()
+    cal.before[:], cal.words[:] = state.raw, state.raw
+    cal.words[0] = count_word(int(state.raw[0]) + shift)
+    cal.load, cal.moved, cal.waited, cal.stage = 1, 0, 0, int(Stage.LOADING)
+    state.mode = int(Mode.CALIBRATING)
+
+    def exchange(_now_ns: int) -> None:
+        bench.frozen = (next(cycles) + 1) % exchange_ms != 0
+        if not bench.frozen:
+            bench.slip[0] = shift * any(write.offset == ENC_LOAD for write in posted)
+            bench.calibrated = any(write.offset == DISCRETE and write.value & DISCRETE_CALIBRATED for write in posted)
+            posted[:] = bench.writes[since:]
+
+    bench.before.append(exchange)
+    bench.tick()
+    bench.until(lambda: bench.mode is not Mode.CALIBRATING)
+    assert (bench.mode, bench.event) == (Mode.HOLDING, FaultCode.NONE)
 
 
 @pytest.mark.parametrize("stops", [False, True])

@@ -193,6 +193,20 @@ def test_a_board_without_a_converter_makes_the_configured_channels_nan_and_does_
     assert bench.mode.name == "HOLDING"
 
 
+@pytest.mark.parametrize("exchange_ms", [2, 30, 100])
+def test_a_converter_is_waited_for_however_rarely_its_board_is_asked(exchange_ms: int) -> None:
+    bench = ServoBench(sensor_channels=(2,), exchange_ms=exchange_ms, board_timeout_ms=2.0 * exchange_ms)
+    bench.state.sensors[2] = np.nan
+    for _ in range(4):
+        bench.frozen = False
+        bench.tick()
+        bench.frozen = True
+        bench.tick(exchange_ms - 1)
+    assert bench.state.adc.done[2] > 0
+    assert bench.state.adc.timeouts == 0
+    assert np.isfinite(bench.state.sensors[2])
+
+
 def test_without_sensors_the_servo_leaves_the_converter_alone() -> None:
     bench = ServoBench().hold()
     assert not any(write.value & DISCRETE_ADC for write in bench.writes if write.offset == 0x2E)
