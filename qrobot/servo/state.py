@@ -107,7 +107,7 @@ class ServoState:
     analog_sent: Any  # int64[8] microvolts, last ones posted
     row: Any  # the telemetry row, see `servo.memory.telemetry`
     mode: int = 0
-    fault: int = 0  # code that latched the FAULT mode
+    fault: int = 0  # code of the FAULT mode, also while a stop ends in it
     event: int = 0  # newest code of any kind
     event_joint: int = (
         NO_JOINT  # joint the newest code speaks of, NO_JOINT for none; written with it, see `servo.event`

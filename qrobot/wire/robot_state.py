@@ -57,7 +57,7 @@ class StateTable(Generic[VectorT]):
 
     t_ns: int = told("", "ns", "time of the sample on the servo's monotonic clock")
     mode: int = told("B", "-", "of the servo (see Modes)")
-    fault: int = told("H", "-", "code that latched the fault mode, 0 for none", default=0)
+    fault: int = told("H", "-", "code of the fault mode, also while a stop ends in it; 0 for none", default=0)
     event: int = told("H", "-", "newest code of any kind, 0 for none", default=0)
     event_joint: int = told("h", "-", "joint the event speaks of, from 0; -1 for none", default=NO_JOINT)
     flags: int = told("I", "bits", "see Flags", source="flag_bits", default=0)

@@ -91,8 +91,8 @@ class WatchState:
     carried: Any  # torque for the heaviest load to follow the reference, N m (N)
     planned: Any  # push that it may make, with torques off scale, of late, N m (N)
     allowed: Any  # push that a wrong model may make of such accelerations, N m (N)
-    driven: Any  # 1: reference or torque has changed since, int64
-    v_moving: Any  # velocity of the motor when they last changed, see `motor_fault_diagnosis.counted_speed`
+    driven: Any  # 1: its reference has gone on since the last count, int64
+    v_moving: Any  # velocity of the motor when its counts last changed, see `motor_fault_diagnosis.counted_speed`
     gave_way: Any  # velocity of its reference when it gave way in this stop, see `servo.stages.collision_stop`
     clipped_s: Any  # for how long the torque has been at its limit
     q_parked: Any  # where the arm came to rest without power
@@ -102,10 +102,10 @@ class WatchState:
     misses_seen: int = 0  # of these, late or skipped
     slow_row: int = 0  # cycles in a row that took longer than their period
     heavy_row: int = 0  # cycles in a row that took longer than half of it
-    losses_told: int = 0  # of remote modules, up to the last cycle
+    losses_told: int = 0  # of remote modules, but for those that wait to be told
     reaction: int = 0  # to a collision, see `servo.stages.collision_stop`
     yields: int = 0  # 1: the stop going on ends where the arm is, not where its reference is
-    unpowered_s: float = 0.0  # time since power was last wanted
+    unpowered_s: float = 0.0  # for how long the arm has been seen without power
     sample_s: float = 0.0  # between the newest two samples of the encoders
     swept: float = 0.0  # way of all references together, rad (m)
     work: float = 0.0  # of the torques nobody commanded, of late, J

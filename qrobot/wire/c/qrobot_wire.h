@@ -304,7 +304,7 @@ struct qrobot_state {
     /* generated: state */
     int joints; /* n of WELCOME */
     int mode; /* of the servo (see Modes) */
-    int fault; /* code that latched the fault mode, 0 for none */
+    int fault; /* code of the fault mode, also while a stop ends in it; 0 for none */
     int event; /* newest code of any kind, 0 for none */
     int event_joint; /* joint the event speaks of, from 0; -1 for none */
     uint32_t flags; /* see Flags */
