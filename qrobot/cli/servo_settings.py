@@ -75,13 +75,16 @@ def servo_settings(
 
 
 def check_drives(arm: DeployedArm) -> None:
-    """Raise ConfigError when there is not a drive for each joint, or one would turn its motor the wrong way round."""
+    """Raise ConfigError when there is not one drive for each joint, or one would turn its motor the wrong way round.
+
+    One without a joint would be let operate with the others: its brake opens, and it never gets torque.
+    """
     drives = arm.board.drives
     if drives is None:
         return
     robot = robot_of_arm(arm)
     count = len(drives.nodes)
-    if count < robot.n:
+    if count != robot.n:
         raise ConfigError(f"drives.nodes of {arm.name} names {count} drives, {robot.name} has {robot.n} joints")
     if drives.absolute:
         _require_positions_within(POSITION_END, drives.positions_over(robot), arm.name)

@@ -139,6 +139,21 @@ def test_an_arm_with_a_joint_that_has_no_drive_is_refused(tmp_path: Path) -> Non
         servo_settings(arm)
 
 
+@pytest.mark.parametrize("mode", ["torque", "position"])
+def test_an_arm_with_a_drive_that_has_no_joint_is_refused_by_servo_and_gateway(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, mode: str
+) -> None:
+    puma = load_robot("puma560")
+    joints = puma.joints.model_copy(update={"names": puma.joints.names[:5], "kinds": puma.joints.kinds[:5]})
+    five = puma.model_copy(update={"name": "five", "joints": joints})
+    monkeypatch.setattr("qrobot.cli.servo_settings.robot_of_arm", lambda _arm: five)
+    table = DRIVES.replace("torque_permille", "#") if mode == "position" else DRIVES
+    [arm] = load(tmp_path, f"{table}absolute = true\nmode = '{mode}'\n").arm
+    for begin in (servo_settings, run_gateway):
+        with pytest.raises(ConfigError, match=r"drives\.nodes of left names 6 drives, five has 5 joints"):
+            begin(arm)
+
+
 @pytest.mark.parametrize("robot", ["puma560", "stanford"])
 @pytest.mark.parametrize("turned", [1, -1])
 def test_drives_that_would_turn_their_motors_the_wrong_way_round_are_refused(
