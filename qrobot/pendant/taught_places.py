@@ -1,6 +1,7 @@
 """Places by name at the pendant: recorded, put in by their numbers, struck out. What cannot be done is told.
 
-A change waits for the disk, and for others that write the file, so it is made in a thread: pages say STOP meanwhile.
+A change waits for the disk, and for others that write the file, and a look at the file waits for the disk. Both are
+done in a thread, and pages say STOP meanwhile.
 """
 
 from __future__ import annotations
@@ -25,19 +26,21 @@ _log: Final = logging.getLogger(__name__)
 
 
 class TaughtPlaces:
-    """Places of one file.
+    """Places of one file, which is read once before anybody asks.
 
     Args:
         path: of the file, as `qrobot teach` has it.
         poses: names of the robot's own poses, which no place may have.
-        tell: takes a line for people, from any thread.
+        tell: takes a line for people, from any thread; an empty one when the places are others.
     """
 
     def __init__(self, path: Path, poses: tuple[str, ...], tell: Callable[[str], None]) -> None:
         self._path, self._poses, self._tell = path, poses, tell
+        self._changes = ThreadPoolExecutor(1, thread_name_prefix="pendant-places")  # one after the other, looks too
+        self._look_due = False
         self._seen: tuple[int, ...] | None = None
-        self._numbers: dict[str, list[float]] = {}
-        self._changes = ThreadPoolExecutor(1, thread_name_prefix="pendant-places")  # one after the other
+        self._numbers: dict[str, list[float]] = {}  # replaced whole, for another thread reads it
+        self._read_anew()
 
     def close(self) -> None:
         """Wait until everything that was asked for is done or refused; nothing may be asked for afterwards."""
@@ -46,11 +49,32 @@ class TaughtPlaces:
     def numbers(self) -> dict[str, list[float]]:
         """x, y, z in mm and roll, pitch, yaw in degrees, by name; empty when the file cannot be read.
 
-        Read again when the file is another: every page asks at each change of anything.
+        They are those of the newest look at the file. Each call asks for another look, and `tell` is called when that
+        finds other ones: every page asks at each change of anything, and each second.
         """
-        if (seen := self._stamp()) != self._seen:
-            self._seen, self._numbers = seen, self._read()
+        if not self._look_due:
+            self._look_due = True
+            try:
+                self._changes.submit(self._look_now)
+            except RuntimeError:  # closed, or a thread cannot be started
+                self._look_due = False
         return self._numbers
+
+    def _look_now(self) -> None:
+        try:
+            if self._read_anew():
+                self._tell("")
+        except Exception:  # nobody asks the thread how it went
+            _log.exception("a look at %s failed", self._path)
+        finally:
+            self._look_due = False
+
+    def _read_anew(self) -> bool:
+        """Read the file if it is another than it was; whether it is."""
+        if (seen := self._stamp()) == self._seen:
+            return False
+        self._seen, self._numbers = seen, self._read()
+        return True
 
     def _read(self) -> dict[str, list[float]]:
         try:
@@ -100,6 +124,7 @@ class TaughtPlaces:
     def _change_now(self, change: Callable[[TransformFile], None], done: str) -> None:
         try:
             change(TransformFile(self._path))
+            self._read_anew()
             self._tell(done)
         except QRobotError as error:
             self._tell(f"not recorded: {error}")

@@ -5,9 +5,11 @@ from __future__ import annotations
 import asyncio
 import fcntl
 import json
+import threading
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from qrobot import transform_file
@@ -15,7 +17,7 @@ from qrobot.pendant.lease import SILENCE_S
 from qrobot.pendant.live_socket import _obey, _tell
 from qrobot.transform_file import TransformFile
 from qrobot.wire import RobotState, State
-from tests.support.patience import PATIENCE_S, give_time
+from tests.support.patience import PATIENCE_S, give_time, wait_until
 from tests.unit.pendant.test_floor import Floor, Q
 
 FULL = OSError(28, "No space left on device")
@@ -99,6 +101,25 @@ def test_stop_is_heard_while_another_program_writes_the_file_of_places(
         assert file.names() == []
     places.close()
     assert file.names() == ["A", "B"]
+
+
+def test_pages_are_told_and_stop_is_heard_while_the_disk_below_the_file_of_places_hangs(
+    floor: Floor, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    page, places, answers = floor.pages[0], floor.station.places, threading.Event()
+    del places._changes.submit  # which does it at once for other tests
+    stamp = places._stamp
+    monkeypatch.setattr(places, "_stamp", lambda: stamp() if answers.wait(PATIENCE_S) else ())
+    TransformFile(tmp_path / "t.db").write("D", np.eye(4))
+    for _ in range(3):
+        assert json.loads(floor.status(page))["arms"][0]["taught"] == {}
+        assert "stop" in floor.says(1, do="stop")
+    page.status_due = False
+    answers.set()
+    wait_until(lambda: page.status_due, "the page is told of the place")
+    assert list(json.loads(floor.status(page))["arms"][0]["taught"]) == ["D"]
+    places.close()
+    assert list(floor.station.status["taught"]) == ["D"]  # a page may be there still
 
 
 def test_the_status_that_acknowledges_a_stop_leaves_before_samples_that_come_faster_than_they_leave(
