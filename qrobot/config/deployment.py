@@ -114,6 +114,11 @@ class BoardChoice(Table):
         transport = None if self.kind == "emulator" else getattr(self, self.kind)
         return frozenset() if transport is None else transport.places
 
+    @property
+    def written_places(self) -> frozenset[str]:
+        """Coils and registers of modules that no other arm can write."""
+        return frozenset[str]().union(*(module.written_places for module in self.io))
+
     @model_validator(mode="after")
     def _has_a_table_to_calibrate_with(self) -> BoardChoice:
         if self.calibrate_at_start and self.calibration_table is None:
@@ -137,6 +142,9 @@ class BoardChoice(Table):
         channels += [each.channel for each in self.can_sensor.signals] if self.can_sensor else []
         if twice := [each for each in channels if channels.count(each) > 1]:
             raise ValueError(f"two remote analogue inputs stand for the same channel {twice[0]}")
+        for one, other in combinations(self.io, 2):
+            if shared := one.written_places & other.written_places:
+                raise ValueError(f"two modules write {min(shared)}")
         if self.io and self.kind == "port":
             raise ValueError("modules need an emulated board or one behind a gateway, and kind = 'port' has none")
         return self
@@ -371,6 +379,8 @@ class Deployment(Table):
         for one, other in combinations(self.arm, 2):
             if shared := one.board.places & other.board.places:
                 raise ValueError(f"{one.name} and {other.name} have one board or bus: {min(shared)}")
+            if shared := one.board.written_places & other.board.written_places:
+                raise ValueError(f"{one.name} and {other.name} both write {min(shared)}")
         return self
 
     @model_validator(mode="after")

@@ -96,6 +96,11 @@ class RemoteGripper(Table):
     close: RegisterWords = Field(strict=False)
     relax: RegisterWords | None = Field(default=None, strict=False)
 
+    @property
+    def registers(self) -> range:
+        """Addresses that any of its words goes to."""
+        return range(self.address, self.address + max(map(len, (self.open, self.close, self.relax or ()))))
+
 
 class ModbusIo(Table):
     """A Modbus TCP module beside an emulated board or one behind a gateway, asked every `period_ms` at its own pace.
@@ -124,9 +129,8 @@ class ModbusIo(Table):
     @model_validator(mode="after")
     def _outputs_have_places_of_their_own(self) -> ModbusIo:
         taken: set[tuple[str, int]] = set()
-        if (hand := self.gripper) is not None:
-            words = max(map(len, (hand.open, hand.close, hand.relax or ())))
-            taken |= {("register", hand.address + k) for k in range(words)}
+        if self.gripper is not None:
+            taken |= {("register", each) for each in self.gripper.registers}
         for each in self.outputs:
             if (each.kind, each.address) in taken:
                 raise ValueError(f"output {each.output}: {each.kind} {each.address} has another use already")
@@ -136,3 +140,12 @@ class ModbusIo(Table):
                 raise ValueError(f"analogue output {analog.output}: register {analog.address} has another use already")
             taken.add(("register", analog.address))
         return self
+
+    @property
+    def written_places(self) -> frozenset[str]:
+        """Coils and registers that it writes: no other module, and no other arm, can have them."""
+        taken: list[tuple[str, int]] = [(each.kind, each.address) for each in self.outputs]
+        taken += [("register", each.address) for each in self.analog_outputs]
+        taken += [("register", each) for each in self.gripper.registers] if self.gripper else []
+        host = "127.0.0.1" if self.host == "localhost" else self.host.lower()
+        return frozenset(f"{kind} {at} of device {self.device_id} at {host}:{self.port}" for kind, at in taken)

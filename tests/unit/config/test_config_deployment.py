@@ -98,6 +98,42 @@ def test_two_arms_may_not_be_on_one_bus_whose_sync_feeds_both_and_cards_may_not_
         load(tmp_path, both(one, other))
 
 
+COIL = "outputs = [{ address = 5, output = 1 }]"
+WORD = "outputs = [{ address = 5, output = 1, kind = 'register' }]"
+VOLTS = "analog_outputs = [{ address = 5, output = 1, volt_per_count = 0.001 }]"
+HAND = "gripper = { address = 4, open = [1, 2], close = [3], relax = [0] }"
+
+
+def module(gives: str, place: str = "host = 'cabinet'") -> str:
+    return f"{{ {place}, {gives} }}"
+
+
+@pytest.mark.parametrize(
+    ("one", "other", "what"),
+    [(COIL, COIL, "coil"), (WORD, VOLTS, "register"), (VOLTS, VOLTS, "register"), (WORD, HAND, "register"),
+     (HAND, VOLTS, "register")],
+)  # fmt: skip
+def test_what_a_module_of_one_arm_writes_no_other_arm_and_no_other_module_writes(
+    tmp_path: Path, one: str, other: str, what: str
+) -> None:
+    says = f"{what} 5 of device 1 at cabinet:502"
+    here, there = module(one), module(other, "host = 'Cabinet'")
+    with pytest.raises(ConfigError, match=f"left and right both write {says}"):
+        load(tmp_path, both(f"io = [{here}]", f"io = [{there}]"))
+    second = there.replace("output = 1", "output = 2")
+    with pytest.raises(ConfigError, match=rf"arm\.0\.board: .*two modules write {says}"):
+        load(tmp_path, f"{ONE}board = {{ io = [{here}, {second}] }}")
+    for place in ("host = 'cell'", "host = 'cabinet', port = 503", "host = 'cabinet', device_id = 2"):
+        apart = module(other, place)
+        assert len(load(tmp_path, both(f"io = [{here}]", f"io = [{apart}]")).arm) == 2
+
+
+def test_two_arms_may_share_a_module_of_which_each_has_outputs_of_its_own(tmp_path: Path) -> None:
+    reads = "inputs = [{ address = 5, input = 1 }]"
+    one, other = module(f"{COIL}, {reads}"), module(f"{WORD.replace('address = 5', 'address = 6')}, {VOLTS}, {reads}")
+    assert len(load(tmp_path, both(f"io = [{one}]", f"io = [{other}]")).arm) == 2
+
+
 @pytest.mark.parametrize(
     ("extra", "says"),
     [
