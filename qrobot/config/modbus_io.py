@@ -10,6 +10,7 @@ from qrobot.config.document import Table
 from qrobot.config.outputs import AnalogOutputLine, OutputLine
 
 LARGEST_NUMBER: Final = 32767  # of a signed register
+PERIODS_TO_BELIEVE: Final = 2  # [A] an answer counts until the next one is there, which takes a period and its own time
 RegisterWords = Annotated[tuple[Annotated[int, Field(ge=0, le=65535)], ...], Field(min_length=1, max_length=16)]
 
 
@@ -106,6 +107,7 @@ class ModbusIo(Table):
     """A Modbus TCP module beside an emulated board or one behind a gateway, asked every `period_ms` at its own pace.
 
     What is older than `timeout_ms` is not believed: inputs then read as `safe`, and analogue ones have no value.
+    It is two periods at least, for a value is to count until the next one is there.
     """
 
     host: str
@@ -124,6 +126,16 @@ class ModbusIo(Table):
         lines = (*self.inputs, *self.analog, *self.outputs, *self.analog_outputs)
         if not lines and self.gripper is None:
             raise ValueError("a module without inputs, outputs and a gripper does nothing")
+        return self
+
+    @model_validator(mode="after")
+    def _is_asked_before_it_is_too_old(self) -> ModbusIo:
+        least = PERIODS_TO_BELIEVE * self.period_ms
+        if (self.inputs or self.analog) and self.timeout_ms < least:
+            raise ValueError(
+                f"timeout_ms {self.timeout_ms:g} is too short for inputs asked for every {self.period_ms:g} ms: "
+                f"at least {least:g}, or they have no value in between"
+            )
         return self
 
     @model_validator(mode="after")

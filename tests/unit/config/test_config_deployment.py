@@ -135,6 +135,20 @@ def test_two_arms_may_share_a_module_of_which_each_has_outputs_of_its_own(tmp_pa
 
 
 @pytest.mark.parametrize(
+    "gives",
+    ["inputs = [{ address = 0, input = 1 }]", "analog = [{ address = 0, channel = 6, volt_per_count = 0.001 }]"],
+)
+def test_inputs_of_a_module_are_asked_for_before_they_are_too_old(tmp_path: Path, gives: str) -> None:
+    """Its outputs, which nobody asks for, may be looked at as seldom as the file says."""
+    rare, least = "host = 'cabinet', period_ms = 500", "timeout_ms = 1000"
+    load(tmp_path, f"{ONE}board = {{ io = [{module(gives, f'{rare}, {least}')}] }}")
+    load(tmp_path, f"{ONE}board = {{ io = [{module(COIL, rare)}] }}")
+    for given in ("timeout_ms = 999", "timeout_ms = 100"):
+        with pytest.raises(ConfigError, match=r"board\.io\.0: .*asked for every 500 ms: at least 1000"):
+            load(tmp_path, f"{ONE}board = {{ io = [{module(gives, f'{rare}, {given}')}] }}")
+
+
+@pytest.mark.parametrize(
     ("extra", "says"),
     [
         ("servo = { rate_hz = 50 }", r"arm\.0\.servo\.rate_hz: .*greater than or equal to 100"),
