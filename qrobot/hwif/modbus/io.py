@@ -33,7 +33,7 @@ MICRO: Final = 1e-6
 
 @dataclass(frozen=True)
 class ModuleState:
-    """Newest state of a module: bits in their places of STATUS, voltage by converter channel, and when."""
+    """Newest state of a module: bits in their places of STATUS, voltage by converter channel, and when it was asked."""
 
     bits: int
     volts: Mapping[int, float]
@@ -45,7 +45,7 @@ class RemoteModule:
 
     Args:
         choice: where it is and what it has.
-        report: takes a line when it is found or lost, or is not there at first.
+        report: takes a line when it is found or lost, is not there at first, or is too slow for `timeout_ms`.
         now_ns: the clock of what was seen.
 
     Attributes:
@@ -74,7 +74,7 @@ class RemoteModule:
         self._shown: dict[int, bool] = {}  # what each output was last told, by its line
         self._volts: dict[int, float] = {}  # of analogue outputs, by their numbers; of those left out their off values
         self._driven: dict[int, int] = {}  # what the registers of analogue outputs were last told, by their numbers
-        self._here = self._told = False
+        self._here = self._told = self._slow = False
 
     def command(self, discrete: int) -> None:
         """The hand is as this DISCRETE word says; both solenoids at once, as after reset, say nothing."""
@@ -123,7 +123,8 @@ class RemoteModule:
                 self._written = None
                 self._shown.clear()
                 self._driven.clear()
-            self._seen = ModuleState(self._read(), self._measure(), self._now_ns())
+                self._slow = False
+            self._look()
             self._switch()
             self._drive()
             self._write()
@@ -152,6 +153,19 @@ class RemoteModule:
         """Let go of it."""
         self._line.close()
         self._here = False
+
+    def _look(self) -> None:
+        """Ask for inputs and channels; once a connection, tell when they are too old before there are newer ones."""
+        asked_ns = self._now_ns()  # no answer is older
+        seen = ModuleState(self._read(), self._measure(), asked_ns)
+        asks = self.mask or self.channels
+        if asks and self._here and not self._slow and not self._may_be_believed(self._seen, self._now_ns()):
+            self._slow = True
+            self._report(
+                f"module at {self._line.name} is slow: what it says is older than timeout_ms "
+                f"({self._choice.timeout_ms:g} ms) before there is anything newer; its inputs read as safe meanwhile"
+            )
+        self._seen = seen
 
     def _read(self) -> int:
         bits = 0

@@ -123,6 +123,36 @@ def test_an_analogue_input_is_a_signed_register_in_volts_and_has_no_value_when_i
     assert table.module.maybe_volt(5, now_ns) is None
 
 
+def test_what_a_slow_module_says_counts_from_when_it_was_asked_and_is_told_when_it_is_too_old_in_between(
+    table: Table,
+) -> None:
+    """Three answers, each after a fifth of the time for which they count."""
+    patience_ms, clock = table.choice.timeout_ms, VirtualClock()  # not that of the server
+
+    def late(answer: bytes) -> bytes:
+        clock.pass_ms(patience_ms / 5)
+        return answer
+
+    with Relay(("127.0.0.1", table.choice.port)) as relay:
+        near = table.choice.model_copy(update={"port": relay.port, "analog_outputs": ()})
+        module = RemoteModule(near, table.lines.append, clock)
+        relay.spoil = late
+        table.board.status = 1 << 15
+        module.poll()
+        clock.pass_ms(0.3 * patience_ms)
+        assert module.bits(clock()) == 0b00100
+        assert module.maybe_volt(6, clock()) is not None
+        clock.pass_ms(0.2 * patience_ms)
+        assert module.bits(clock()) == 0b10000
+        assert module.maybe_volt(6, clock()) is None
+        module.poll()
+        module.poll()
+        module.close()
+    found, slow = table.lines
+    assert found.endswith("found")
+    assert "is slow: what it says is older than timeout_ms" in slow
+
+
 def test_a_conversion_of_a_remote_channel_never_reaches_the_board(table: Table) -> None:
     main = PaperBoard()
     bus, image = IoBus(DirectBus(main), [table.module], table.clock), make_image()
