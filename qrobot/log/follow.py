@@ -17,6 +17,7 @@ from typing import Final
 from qrobot.errors import LinkError, LinkMismatch
 from qrobot.log.record import LogRecorder, RowSink
 from qrobot.log.status import LOG_IS_BEHIND, LogStatus
+from qrobot.log.topics import STAMP
 from qrobot.realtime.shared_memory import SharedMemory
 from qrobot.report import Report
 from qrobot.servo.memory.law_history import JournalReader
@@ -166,7 +167,7 @@ def log_paths(target: Path, arm: str) -> Iterator[Path]:
 
 def fresh_path(directory: Path, arm: str, now: datetime | None = None) -> Path:
     """A file name that tells arm and time (UTC) and is not taken: DIR/ARM-20261121T093000Z.mcap."""
-    stamp = (now or datetime.fromtimestamp(time.time(), UTC)).strftime("%Y%m%dT%H%M%SZ")
+    stamp = (now or datetime.fromtimestamp(time.time(), UTC)).strftime(STAMP)
     path, copies = directory / f"{arm}-{stamp}.mcap", 1
     while path.exists():
         copies += 1

@@ -3,23 +3,27 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
 from pathlib import Path
-from typing import Final
+from typing import Final, TypeAlias
 
+from qrobot.log.topics import STAMP
 from qrobot.report import Report
 
 GIGABYTE: Final = 1_000_000_000
 PARTS: Final = 4  # [A] at least so many files fill the room: so much more than a file is kept
-_STAMP: Final = r"-(\d{8}T\d{6}Z)(?:-(\d+))?(?:\.(\d{4,}))?\.mcap"  # as `fresh_path` and `part_path` name a file
+_STAMPED: Final = r"-(\d{8}T\d{6}Z)(?:-(\d+))?(?:\.(\d{4,}))?\.mcap"  # as `fresh_path` and `part_path` name a file
+
+Age: TypeAlias = tuple[str, int, int]  # stamp of the time, of several logs of that second which, part
 
 
 @dataclass
 class LogRoom:
     """Keeps the logs that a recorder writes of one arm within a size, by removing the oldest of their files.
 
-    Only files that are named as a recorder names them are looked at, in the folder of the newest; those of incidents
-    are in another folder, and stay.
+    Only files that are named as a recorder names them are looked at, in the folder of the newest, and those that have
+    begun here under another name, which a user gave. Those of incidents are in another folder, and stay.
 
     Attributes:
         arm: instance name.
@@ -32,6 +36,7 @@ class LogRoom:
     keep_gb: float | None
     part_bytes: int
     report: Report
+    _named: dict[Path, Age] = field(default_factory=dict, init=False, repr=False)  # begun under a user's name
 
     @property
     def file_bytes(self) -> int:
@@ -43,12 +48,19 @@ class LogRoom:
         if self.keep_gb is None:
             return
         try:
+            self._note(newest)
             removed = self._remove_oldest(newest, round(self.keep_gb * GIGABYTE) - self.file_bytes)
         except OSError as error:
             self.report(f"old logs of {self.arm} cannot be removed to make room for newer ones: {error}")
         else:
             if removed:
                 self.report(f"{self.keep_gb:g} GB of logs of {self.arm} are kept: the oldest, {removed}, are removed")
+
+    def _note(self, newest: Path) -> None:
+        """Remember the age of a file whose name does not tell it."""
+        if self._maybe_age(newest) is None:
+            begun = datetime.fromtimestamp(newest.stat().st_mtime, UTC).strftime(STAMP)
+            self._named[newest] = begun, 0, len(self._named)
 
     def _remove_oldest(self, newest: Path, most_bytes: int) -> str:
         """Remove files until the others beside `newest` have so many bytes; returns the names of the removed ones."""
@@ -64,11 +76,13 @@ class LogRoom:
 
     def _oldest_first(self, newest: Path) -> list[Path]:
         """Files of the arm's logs beside `newest`."""
-        name = re.compile(re.escape(self.arm) + _STAMP)
-        found = {path: name.fullmatch(path.name) for path in newest.parent.iterdir() if path != newest}
-        ages = {path: _age(*match.groups()) for path, match in found.items() if match is not None}
+        found = {path: self._maybe_age(path) for path in newest.parent.iterdir() if path != newest}
+        ages = {path: age for path, age in found.items() if age is not None}
         return sorted(ages, key=lambda path: ages[path])
 
-
-def _age(stamp: str, copy: str | None, part: str | None) -> tuple[str, int, int]:
-    return stamp, int(copy or 1), int(part or 1)
+    def _maybe_age(self, path: Path) -> Age | None:
+        """Age of a file of the arm's logs; None for another one."""
+        if (match := re.fullmatch(re.escape(self.arm) + _STAMPED, path.name)) is None:
+            return self._named.get(path)
+        stamp, copy, part = match.groups()
+        return stamp, int(copy or 1), int(part or 1)

@@ -12,6 +12,7 @@ JOINTS_TOPIC: Final = "/arm/joint_states"
 FRAMES_TOPIC: Final = "/tf"
 TOOL_TOPIC: Final = "/arm/tool_pose"
 SCENE_TOPIC: Final = "/arm/scene"
+STAMP: Final = "%Y%m%dT%H%M%SZ"  # in names: the time at which a log begins, UTC
 
 
 def part_path(path: Path, part: int) -> Path:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
@@ -66,6 +68,40 @@ def test_all_files_together_never_have_more(size: int, tmp_path: Path) -> None:
         newest.write_bytes(bytes(min(size, keeper.file_bytes)))
         assert sum(path.stat().st_size for path in tmp_path.iterdir()) <= KEPT_GB * GIGABYTE
     assert len(names(tmp_path)) >= min(40, PARTS)
+
+
+def test_parts_under_a_name_that_a_user_gave_never_have_more_together(tmp_path: Path) -> None:
+    """And a log under another name, which somebody else may have given, stays."""
+    keeper, others = room([]), sized(tmp_path, "run.2026.mcap", 400_000)
+    for number in range(1, 21):
+        newest = sized(tmp_path, part_path(tmp_path / "run.mcap", number).name)
+        keeper.make(newest)
+        newest.write_bytes(bytes(keeper.file_bytes))
+        assert sum(path.stat().st_size for path in tmp_path.iterdir() if path != others) <= KEPT_GB * GIGABYTE
+    kept = [part_path(tmp_path / "run.mcap", number).name for number in range(20 - PARTS + 1, 21)]
+    assert names(tmp_path) == sorted([others.name, *kept])
+
+
+def test_a_log_under_a_name_that_a_user_gave_is_as_old_as_its_files(tmp_path: Path) -> None:
+    keeper = room([], part_bytes=100)
+    begun = [
+        ("left-20261101T000000Z.mcap", 1),
+        ("left-20261101T000000Z.0002.mcap", 1),
+        ("run.mcap", 2),
+        ("run.0002.mcap", 3),
+        ("left-20261104T000000Z.mcap", 4),
+        ("left-20261105T000000Z.mcap", 5),
+    ]
+    for name, day in begun:
+        path, time_s = sized(tmp_path, name, 350_000), datetime(2026, 11, day, tzinfo=UTC).timestamp()
+        os.utime(path, (time_s, time_s))
+        keeper.make(path)
+    left = [name for name, _ in begun]
+    assert names(tmp_path) == sorted(left)
+    for day in range(6, 12):
+        left = [*left[1:], f"left-202611{day:02d}T000000Z.mcap"]
+        keeper.make(sized(tmp_path, left[-1], 350_000))
+        assert names(tmp_path) == sorted(left)
 
 
 def test_without_keep_gb_nothing_is_removed(tmp_path: Path) -> None:
