@@ -7,10 +7,11 @@ line behind the tool is the way that it has gone. Fences that the log carries st
 from __future__ import annotations
 
 import shutil
+import subprocess
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Final, Protocol
+from typing import Any, Final, NoReturn, Protocol
 
 import matplotlib as mpl
 import numpy as np
@@ -105,8 +106,8 @@ def write_animation(log: Log, path: Path, film: Film, progress: Progress = lambd
     """Write the film of a log; `.gif` or `.mp4` by the suffix.
 
     Raises:
-        LogError: another suffix, no ffmpeg for an `.mp4`, nothing to show, damaged fences, or the file cannot be
-            written.
+        LogError: another suffix, no ffmpeg for an `.mp4` or one that fails, nothing to show, damaged fences, or the
+            file cannot be written.
     """
     rows = film.rows(log.time_s if log.rows.size else np.empty(0), str(log.path))
     write_film(path, film, rows, lambda: _Stage(log, robot_of_log(log), rows), progress)
@@ -142,6 +143,17 @@ def write_film(
                     progress(number + 1, len(rows))
         except OSError as error:
             raise LogError(f"cannot write {path}: {error_text(error)}") from None
+        except subprocess.CalledProcessError as error:
+            _raise_end_of_ffmpeg(error, path)
+
+
+def _raise_end_of_ffmpeg(error: subprocess.CalledProcessError, path: Path) -> NoReturn:
+    """Raise what has ended the drawing, Ctrl-C say, which ffmpeg hears too; LogError where ffmpeg itself has failed."""
+    ended = error.__context__
+    if ended is not None and not isinstance(ended, OSError):  # a broken pipe comes of ffmpeg's end
+        raise ended
+    told = [*str(error.stderr).strip().splitlines(), f"status {error.returncode}"]
+    raise LogError(f"cannot write {path}: ffmpeg: {told[0]}") from None
 
 
 def check_film_file(path: Path) -> None:
@@ -156,7 +168,8 @@ def _writer(path: Path, film: Film) -> AbstractMovieWriter:
     check_film_file(path)
     if path.suffix.lower() == ".gif":
         return PillowWriter(fps=film.frames_hz)
-    return FFMpegWriter(fps=film.frames_hz, codec="libx264", extra_args=["-pix_fmt", "yuv420p"])
+    # With this name Matplotlib makes pictures of even sides, which yuv420p needs, and ffmpeg takes the encoder it has.
+    return FFMpegWriter(fps=film.frames_hz, codec="h264", extra_args=["-pix_fmt", "yuv420p"])
 
 
 class _Stage:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -170,3 +171,56 @@ def test_an_mp4_without_ffmpeg_and_a_log_without_cycles_are_told(
         write_animation(log, tmp_path / "run.mp4", Film())
     with pytest.raises(LogError, match="no cycles"):
         write_animation(replace(log, rows=log.rows[:0]), tmp_path / "run.gif", Film())
+
+
+def put_ffmpeg(script: str, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let a script stand for ffmpeg."""
+    (folder / "bin").mkdir()
+    program = folder / "bin" / "ffmpeg"
+    program.write_text(f"#!/bin/sh\n{script}\n")
+    program.chmod(0o755)
+    monkeypatch.setenv("PATH", f"{program.parent}:{os.environ['PATH']}")
+
+
+@pytest.mark.parametrize("width", [320, 322, 321])
+def test_pictures_of_an_mp4_have_even_sides_as_its_colours_need(
+    log: Log, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, width: int
+) -> None:
+    put_ffmpeg(f'echo "$@" > {tmp_path}/asked; for file; do :; done; cat > "$file"', tmp_path, monkeypatch)
+    path = tmp_path / "run.mp4"
+    write_animation(log, path, Film(frames_hz=2, width=width))
+    asked = (tmp_path / "asked").read_text().split()
+    sides = [int(side) for side in asked[asked.index("-s") + 1].split("x")]
+    assert [side % 2 for side in sides] == [0, 0]
+    assert sides == pytest.approx([width, width / 2], abs=1.0)
+    assert path.stat().st_size == 5 * 4 * sides[0] * sides[1]  # five pictures in RGBA
+    assert asked[-4:-2] == ["-pix_fmt", "yuv420p"]
+
+
+@pytest.mark.parametrize(
+    ("script", "told"),
+    [
+        ("echo \"Unknown encoder 'h264'\" >&2; echo more >&2; exit 1", "ffmpeg: Unknown encoder 'h264'$"),
+        ("cat > /dev/null; exit 3", "ffmpeg: status 3$"),
+    ],
+)
+def test_what_ffmpeg_says_when_it_fails_is_told_and_no_film_is_left(
+    log: Log, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, script: str, told: str
+) -> None:
+    put_ffmpeg(script, tmp_path, monkeypatch)
+    (tmp_path / "films").mkdir()
+    with pytest.raises(LogError, match=f"run.mp4: {told}"):
+        write_animation(log, tmp_path / "films" / "run.mp4", Film(frames_hz=2, width=320))
+    assert list((tmp_path / "films").iterdir()) == []
+
+
+def test_a_film_that_is_broken_off_ends_as_such_though_ffmpeg_hears_of_it_and_fails(
+    log: Log, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupt(_done: int, _of: int) -> None:
+        raise KeyboardInterrupt
+
+    put_ffmpeg("cat > /dev/null; exit 255", tmp_path, monkeypatch)
+    with pytest.raises(KeyboardInterrupt):
+        write_animation(log, tmp_path / "run.mp4", Film(frames_hz=2, width=320), interrupt)
+    assert not (tmp_path / "run.mp4").exists()
