@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Final
 
-from qrobot.cli.arms import fences_of_arm, neighbours_of_arm, robot_of_arm
+from qrobot.cli.arms import choose_arm, fences_of_arm, neighbours_of_arm, robot_of_arm
 from qrobot.cli.checks import Finding, Weight
 from qrobot.config import Robot
 from qrobot.errors import ConfigError
@@ -17,15 +17,21 @@ if TYPE_CHECKING:
     from qrobot.fences.fence_set import FenceSet
 
 GROUP: Final = "fences"
+UNREAD_REMEDY: Final = "put the robot file right, or `robot` of the arm in the deployment file"
+BODY_REMEDY: Final = (
+    "tell the arm's body in the robot file, as docs/how-to/keep-inside-fences.md says, or leave fences out"
+)
 
 
 def look_at_fences(arm: DeployedArm, deployment: str) -> Iterator[Finding]:
     """One finding for the fences of an arm, and one for each pose of its robot file that they forbid."""
+    remedy = UNREAD_REMEDY
     try:
+        _load_robots(arm, deployment)
+        remedy = BODY_REMEDY
         fences = fences_of_arm(arm)
         neighbours_of_arm(arm, deployment)
     except ConfigError as error:
-        remedy = "tell the arm's body in the robot file, as docs/how-to/keep-inside-fences.md says, or leave fences out"
         yield Finding(GROUP, SetupStep(arm.name, False, str(error), remedy), Weight.NEEDED)
         return
     others = [] if arm.fences is None else [f"the arm {name}" for name in arm.fences.arms]
@@ -34,6 +40,13 @@ def look_at_fences(arm: DeployedArm, deployment: str) -> Iterator[Finding]:
     if fences is not None:
         steps = _forbidden_poses(robot_of_arm(arm), fences)
         yield from (Finding(GROUP, step, Weight.OPTIONAL) for step in steps)
+
+
+def _load_robots(arm: DeployedArm, deployment: str) -> None:
+    """Read the robot files that the fences of an arm are about. Raises ConfigError: one is not there, or damaged."""
+    if arm.fences is not None:
+        for each in (arm, *(choose_arm(deployment, name) for name in arm.fences.arms)):
+            robot_of_arm(each)
 
 
 def _listed(fences: FenceSet) -> list[str]:

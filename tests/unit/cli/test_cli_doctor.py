@@ -16,6 +16,7 @@ from qrobot.cli import checks
 from qrobot.cli.checks import Finding, Weight
 from qrobot.cli.console import run_app
 from qrobot.cli.main import make_app
+from qrobot.config import robot_path
 from qrobot.realtime.setup import SetupStep
 
 Usage = namedtuple("Usage", "total used free")
@@ -71,6 +72,27 @@ def test_fences_that_cannot_be_and_poses_past_one_are_told(
     assert run_app(make_app(), ["doctor", str(file)]) == status
     text = capsys.readouterr().out
     assert [words for words in told if words not in text] == []
+
+
+@pytest.mark.parametrize("damaged", ["one", "two"])
+def test_nobody_is_told_to_leave_fences_out_because_of_a_robot_file_that_cannot_be_read(
+    damaged: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    text = robot_path("puma560").read_text()
+    (tmp_path / "mine.toml").write_text(text.replace("flange_m = 0.05625", 'flange_m = "0.05625"'))
+    arms = [
+        f'[[arm]]\nname = "{name}"\nrobot = "{"mine.toml" if name == damaged else "puma560"}"\n'
+        f"bridge = {{ port = {port} }}\nstand = {{ position_m = [{port - 5600}, 0, 0] }}\n"
+        for name, port in (("one", 5600), ("two", 5603))
+    ]
+    file = tmp_path / "cell.toml"
+    file.write_text('fences = { arms = ["two"] }\n'.join(arms))
+    monkeypatch.setattr("qrobot.cli.doctor.all_findings", lambda _ports, _bases: [])
+    assert run_app(make_app(), ["doctor", str(file), "--json"]) == 1
+    [lack] = [each for each in json.loads(capsys.readouterr().out)["findings"] if not each["ok"]]
+    assert "flange_m" in lack["detail"]
+    assert "robot file right" in lack["remedy"]
+    assert "fences" not in lack["remedy"]
 
 
 def test_the_ports_of_the_deployment_are_looked_at(monkeypatch: pytest.MonkeyPatch) -> None:
