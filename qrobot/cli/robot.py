@@ -11,6 +11,7 @@ from qrobot.cli.console import note, out, plain_table, print_table, write_json
 from qrobot.cli.option_types import OutputFile, OutputRobot
 from qrobot.config import Robot, load_robot
 from qrobot.config.document import packaged_names
+from qrobot.errors import ConfigError, error_text
 from qrobot.units import DEG_PER_RAD
 from qrobot.whole_file import replace_file
 
@@ -113,7 +114,10 @@ def export(
     if output is None:
         out.print(text.rstrip("\n"), soft_wrap=True, markup=False, highlight=False)
         return
-    replace_file(output, text)
+    try:
+        replace_file(output, text)
+    except OSError as error:
+        raise ConfigError(f"cannot write {output}: {error_text(error)}") from None
     note(f"wrote {output}")
 
 

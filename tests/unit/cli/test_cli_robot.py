@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import csv
+import errno
 import json
+import os
 import re
 from pathlib import Path
 from xml.etree import ElementTree
@@ -114,6 +116,23 @@ def test_what_cannot_be_is_told_in_words(
     complaint = told(capsys, status, *(word.format(folder=tmp_path) for word in words))
     assert said in complaint
     assert not (tmp_path / "arm.toml").exists()
+
+
+def test_an_export_that_the_disk_refuses_is_told_by_the_name_of_its_file(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(_path: Path, _text: str) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))  # without a name, as that of `write` is
+
+    nowhere = tmp_path / "none" / "arm.urdf"
+    assert told(capsys, FAILURE, "export", "puma560", "-o", nowhere).endswith(
+        f"cannot write {nowhere}: {os.strerror(errno.ENOENT)}"
+    )
+    monkeypatch.setattr("qrobot.cli.robot.replace_file", refuse)
+    full = tmp_path / "arm.urdf"
+    assert told(capsys, FAILURE, "export", "puma560", "-o", full).endswith(
+        f"cannot write {full}: {os.strerror(errno.ENOSPC)}"
+    )
 
 
 @pytest.mark.parametrize("command", [(), ("export",), ("import",), ("show",), ("list",)])
