@@ -52,6 +52,7 @@ class ArmStation:
         on_state: takes each STATE.
         on_change: called, from any thread, when `status` is another.
         programs: of the arm.
+        clock: seconds.
 
     Attributes:
         lease: which page drives it.
@@ -72,6 +73,7 @@ class ArmStation:
         on_state: Callable[[State], None],
         on_change: Callable[[], None],
         programs: ProgramRunner | None = None,
+        clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self.arm, self.robot = arm, robot
         self.facts = {**arm_facts(arm.name, robot, tool_m), **fence_facts(told_fences(arm, robot), robot)}
@@ -82,11 +84,12 @@ class ArmStation:
         self.places = TaughtPlaces(taught, tuple(robot.poses), self.tell)
         self._on_state, self._on_change = on_state, on_change
         self._newest: State | None = None
+        self._newest_s, self._clock = 0.0, clock  # when it was heard
         self.lease = DriverLease()
         self.worker = JogWorker(arm, taught, self.tell)
         self._notice, self._notices = "", 0
         self._commanded = False
-        self.board = BoardAccess(arm, self.programs.deployment, self.tell, monotonic)
+        self.board = BoardAccess(arm, self.programs.deployment, self.tell, clock)
         self._folder = Path(arm.log.directory or "out")
         self.procedures = ProcedureRunner(arm.name, self.programs.deployment, arm.robot, self._folder, on_change)
         self._reached: Sequence[ArmStation] = ()  # by the newest program, besides its own arm
@@ -249,7 +252,7 @@ class ArmStation:
         """Whether a page's word that may move the arm is older than `most_s`, by the sample that the page had heard."""
         if self._newest is None:
             return False
-        now_s = self._newest.robot.t_ns / NS_PER_S
+        now_s = self._newest.robot.t_ns / NS_PER_S + self._clock() - self._newest_s  # also when no other one comes
         return heard_s is None or abs(now_s - heard_s) > most_s
 
     def is_faster(self, override: float) -> bool:
@@ -295,7 +298,7 @@ class ArmStation:
         self.places.record(name, pose)
 
     def _hear(self, state: State) -> None:
-        self._newest = state
+        self._newest, self._newest_s = state, self._clock()
         if state.commanded != self._commanded:
             self._commanded = state.commanded
             self._on_change()
@@ -313,5 +316,5 @@ def close_all(arms: Sequence[ArmStation]) -> None:
 
 
 def monotonic() -> float:
-    """The clock of presses and leases, s."""
+    """The clock of leases, s."""
     return time.monotonic()

@@ -45,7 +45,8 @@ class Floor(DriveFloor):
         arm = arm.model_copy(update={"bridge": arm.bridge.model_copy(update={"port": arm.bridge.port + number})})
         tell = lambda state: self.sampled(number, state)  # noqa: E731
         ask = lambda what: self.asked.append((number, what) if number else what)  # noqa: E731
-        station = ArmStation(arm, ROBOT, (0.0, 0.0, 0.0), folder / "t.db", tell, self.changed)
+        place, clock = folder / "t.db", lambda: self.now_s
+        station = ArmStation(arm, ROBOT, (0.0, 0.0, 0.0), place, tell, self.changed, clock=clock)
         station.worker.say = lambda **message: ask(message)  # type: ignore[method-assign]
         station.worker.start = lambda: None  # type: ignore[method-assign]
         station.requests.stop = lambda _: ask("stop")  # type: ignore[method-assign]

@@ -70,6 +70,20 @@ def test_a_press_that_lay_in_the_network_moves_no_arm_and_lets_go_of_what_is_hel
     assert floor.says(0, **BEAT | {"heard_s": 8.6}) == [{"do": "beat", "number": 1}]
 
 
+def test_a_word_is_late_by_the_newest_sample_and_the_time_since_then_also_when_no_other_one_comes(floor: Floor) -> None:
+    """As that of a bridge that has gone; the servo, which does these words, is there."""
+    power_on: dict[str, Any] = {"do": "act", "arm": 0, "name": "power on", "heard_s": 9.0}
+    floor.says(0, do="take", arm=0)
+    floor.station.watch._tell(State(1, RobotState(**READY | {"t_ns": 9_000_000_000})))  # type: ignore[arg-type]
+    floor.now_s += 0.9
+    assert floor.says(0, **power_on) == ["power on"]
+    floor.now_s += 0.2
+    with pytest.raises(MotionError, match="it came late"):
+        floor.says(0, **power_on)
+    floor.station.watch._tell(State(1, RobotState(**READY | {"t_ns": 10_100_000_000})))  # type: ignore[arg-type]
+    assert floor.says(0, **power_on | {"heard_s": 9.2}) == ["power on"]
+
+
 class SlowLine:
     """A page at an arm that tells of itself each 10 ms: words take `way_s(t)` each way, in order. Virtual time."""
 
