@@ -135,6 +135,8 @@ def split_address(address: str) -> ServerAddress:
     place, _, clients = address.partition("+")
     where, _, patience = place.partition("@")
     host, _, port = where.rpartition(":")
+    if host.startswith("[") and host.endswith("]"):  # as an address of IPv6 stands before a port (RFC 3986, 3.2.2)
+        host = host[1:-1]
     if not host or not port.isdecimal() or int(port) > LAST_PORT or (patience and not patience.isdecimal()):
         raise ConfigError(f"Modbus address {address!r}: give HOST:PORT or HOST:PORT@MS, for instance 127.0.0.1:1502")
     return ServerAddress(host, int(port), float(patience or WATCHDOG_MS), tuple(filter(None, clients.split(","))))
