@@ -96,7 +96,8 @@ class ProgramRunner(Runner):
         An arm that is not there begins at `place`, as `--start` has it; empty for the pose of the deployment file.
 
         Raises:
-            MotionError: another one runs, or what would move the arm is not what the page shows.
+            MotionError: another one runs, what would move the arm is not what the page shows, or what is no program of
+                VAL is to be stepped.
             ConfigError: there is none of that name.
         """
         if self.running is not None:
@@ -105,15 +106,17 @@ class ProgramRunner(Runner):
         stamp = stamp_of(path)
         if request.manner == "live" and request.stamp != stamp:
             raise MotionError(f"{request.name} is not as the page shows it: look at it, and start it again")
+        if request.step and language_of(path) != "VAL":
+            raise MotionError("only programs of VAL can be stepped")
+        results = Path(mkdtemp(prefix="qrobot-pendant-"))  # before anything of the newest run is given up: it may fail
         source = request.name, request.execute, stamp
         self._discard(but_path_of=source if request.manner == "live" else None)
-        self._results = Path(mkdtemp(prefix="qrobot-pendant-"))
-        self._request, self._stamp = request, stamp
+        self._results, self._request, self._stamp = results, request, stamp
         self._runs += 1
         if request.manner != "live":
-            self._found = FoundPath(self._runs, self._results, source)
+            self._found = FoundPath(self._runs, results, source)
         self._run = CommandRun(
-            self._commands(request, path, self._results, place),
+            self._commands(request, path, results, place),
             self._changed,
             0 if request.manner == "live" else NICE,
             [f"SPEED {request.speed:g}", f"XSTEP {request.execute}"] if request.step else [],
@@ -171,8 +174,6 @@ class ProgramRunner(Runner):
     def _commands(self, request: PageProgramStart, path: Path, results: Path, start: str) -> list[Sequence[str]]:
         """Arguments of `qrobot`, command by command."""
         manner = [] if request.manner == "live" else [f"--{request.manner}", *([f"--start={start}"] if start else [])]
-        if language_of(path) != "VAL" and request.step:
-            raise MotionError("only programs of VAL can be stepped")
         if request.step:
             return [["val", "--load", str(path), *self._place, *manner]]
         place = [*self._place, *manner, "--output", str(results)]

@@ -112,6 +112,32 @@ def test_recordings_of_the_arm_are_listed_newest_first_and_are_replayed(
     runner.close()
 
 
+@pytest.mark.parametrize(
+    "refused",
+    [{"step": True}, {"name": "sub/b.c", "step": True}, {"manner": "live", "stamp": "another"}, {"name": "v.v2"}],
+    ids=["stepped", "stepped in C", "not as shown", "no room"],
+)
+def test_the_newest_run_and_its_results_stay_when_the_next_one_is_refused(
+    runner: ProgramRunner, monkeypatch: pytest.MonkeyPatch, refused: dict[str, Any]
+) -> None:
+    def full(prefix: str) -> str:
+        raise OSError(28, "No space left on device", prefix)
+
+    run = started(runner, "a.py")
+    (Path(run.commands[0][run.commands[0].index("--output") + 1]) / "setpoints.csv").write_text("0,0\n")
+    run.state = "done"
+    facts, result = runner.facts, runner.result("setpoints")
+    if refused == {"name": "v.v2"}:
+        monkeypatch.setattr(program_runner, "mkdtemp", full)
+    with pytest.raises((MotionError, OSError)):
+        started(runner, **{"name": "a.py", **refused})
+    assert runner.facts == facts
+    assert facts["path"] == facts["run"]
+    assert runner.result("setpoints") == result
+    assert result is not None
+    runner.close()
+
+
 def test_each_language_is_run_by_its_command_and_what_moves_no_arm_gives_way(
     runner: ProgramRunner, folder: Path
 ) -> None:
