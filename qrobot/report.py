@@ -31,7 +31,9 @@ class QueuedReport:
 
     def __init__(self, report: Report, begin: Callable[[], object] = lambda: None) -> None:
         self._report, self._begin = report, begin
-        self._lines = SimpleQueue[str | None]()
+        self._lines = SimpleQueue[str | threading.Event | None]()
+        self._written = threading.Event()  # all that was told when `flush` was called last
+        self._written.set()
         self._thread = threading.Thread(target=self._write, name="report", daemon=True)
         self._thread.start()
 
@@ -39,6 +41,13 @@ class QueuedReport:
         """Tell one line."""
         if self._lines.qsize() < KEPT_LINES:
             self._lines.put(line)
+
+    def flush(self, seconds: float) -> None:
+        """Wait so long at most until what was told is written; not at all while an earlier wait is still in vain."""
+        if self._written.is_set():
+            self._written = threading.Event()
+            self._lines.put(self._written)
+            self._written.wait(seconds)
 
     def close(self) -> None:
         """Wait a moment for what is still to be written; later lines are lost."""
@@ -49,6 +58,9 @@ class QueuedReport:
     def _write(self) -> None:
         self._begin()
         while (line := self._lines.get()) is not None:
+            if isinstance(line, threading.Event):
+                line.set()
+                continue
             with contextlib.suppress(Exception, SystemExit):  # Rich exits when nobody reads stderr any more
                 self._report(line)
 

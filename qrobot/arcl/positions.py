@@ -8,8 +8,9 @@ from typing import Final
 
 import numpy as np
 
-from qrobot.arcl.switches import say, switches
+from qrobot.arcl.switches import switches
 from qrobot.arcl.trace import equation_line
+from qrobot.arcl.trace_output import say
 from qrobot.arrays import Floats
 from qrobot.errors import MotionError
 from qrobot.motion import T6, Equation, Trsf

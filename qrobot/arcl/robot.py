@@ -22,17 +22,20 @@ from qrobot.arcl.path_calls import PathCalls
 from qrobot.arcl.positions import Pos, joints_of
 from qrobot.arcl.standstill import ArclStandstill
 from qrobot.arcl.stream import RecordKind
-from qrobot.arcl.switches import say, switches
+from qrobot.arcl.switches import switches
 from qrobot.arcl.teaching import Teaching
 from qrobot.arcl.trace import exec_line, request_line
+from qrobot.arcl.trace_output import say, settle
 from qrobot.arcl.trans import Trans, new_trans_value
 from qrobot.arrays import Floats
 from qrobot.config import Robot
 from qrobot.errors import ConfigError, LinkError, MotionError, QRobotError, ServoFault, letting_go
 from qrobot.fences.in_force import fences_for
 from qrobot.motion import Trsf, whole_samples
+from qrobot.rci.forked_child import keep_from_children
 from qrobot.rci.listening import heard, heard_on_leaving
 from qrobot.rci.machine_choice import machine_choice
+from qrobot.rci.sample_drivers import refuse_at_samples
 from qrobot.units import MM_PER_M, S_PER_MS
 
 STOP_MS: Final = 300.0  # Tseg of STOP in Figure 5
@@ -67,6 +70,12 @@ class ArclRobot(PathCalls, LineCalls):
         self._kept = KeptMotions(robot)
         LineCalls.__init__(self)
         self._begin_at(ami.open())
+        keep_from_children(self)
+
+    def forget_in_child(self) -> None:
+        """See `Owned`: the robot is the parent's."""
+        self._closed = True
+        forget(self)
 
     def _begin_at(self, q: Floats) -> None:
         """Begin to move the arm from where it is held, within the limits that the machine has now."""
@@ -142,6 +151,7 @@ class ArclRobot(PathCalls, LineCalls):
             self._motions.push(motion)
             self._options = options.sticky()
             self._trace_request(motion.name, options)
+        settle()
         if options.sync:
             self.wait(lambda: motion.over)
         return motion
@@ -166,6 +176,7 @@ class ArclRobot(PathCalls, LineCalls):
         with self._lock():
             self._trace_stop(ms)
             self._motions.stop(ms * S_PER_MS)
+        settle()
 
     def expect_more(self) -> None:
         """Let no motion be shortened because nothing waits behind it: the next one is given when it has begun."""
@@ -259,10 +270,12 @@ class ArclRobot(PathCalls, LineCalls):
         """Wait until all motions are done, and let go of the arm; a second call does nothing.
 
         Raises:
-            MotionError: one of them could not be done. The arm is let go all the same.
+            MotionError: one of them could not be done; the arm is let go all the same. Or it is called by a function
+                that is itself called at a sample; then nothing happens.
         """
         if self._closed:
             return
+        refuse_at_samples()
         with letting_go(lambda: self.abandon(power_off)):
             self.finish()
 
@@ -280,9 +293,10 @@ class ArclRobot(PathCalls, LineCalls):
                     self._motions.stop(0.0)
 
     def abandon(self, power_off: bool = False) -> None:
-        """Stop, and let go of the arm; what waits is not done. Does nothing after `close`."""
+        """Stop, and let go of the arm; what waits is not done. Does nothing after `close`. Raises what that raises."""
         if self._closed:
             return
+        refuse_at_samples()
         self._closed = True
         try:
             if self.ami.error is None:
@@ -300,6 +314,7 @@ class ArclRobot(PathCalls, LineCalls):
         forget(self)
         if farewell := self.ami.farewell():
             say(farewell)
+        settle()
 
     # --------------------------------------------------------------------- what the generator tells (MotionReporter)
 
@@ -406,7 +421,7 @@ class ArclRobot(PathCalls, LineCalls):
 
     def _trace(self, kind: RecordKind, line: str) -> None:
         if switches.motions:
-            say(line)
+            say(line, waited_for=not self.ami.virtual_time)
         if self.ami.stream is not None:
             self.ami.stream.text(kind, line, self.treal)
 

@@ -15,7 +15,6 @@
 
 from __future__ import annotations
 
-import sys
 from dataclasses import dataclass
 from typing import Final
 
@@ -70,8 +69,3 @@ class Switches:
 
 switches: Final = Switches()
 """Those of this program: transforms and equations belong to no robot."""
-
-
-def say(line: str) -> None:
-    """Print a line of a trace."""
-    sys.stdout.write(f"{line}\n")

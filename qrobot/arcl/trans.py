@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING, Any, Final, TypeAlias
 
 import numpy as np
 
-from qrobot.arcl.switches import say, switches
+from qrobot.arcl.switches import switches
 from qrobot.arcl.trace import trans_line
+from qrobot.arcl.trace_output import say
 from qrobot.arcl.vectors import TransColumn, VectorLike, require_name, three
 from qrobot.arrays import Floats
 from qrobot.errors import MotionError

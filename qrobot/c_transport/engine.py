@@ -26,6 +26,7 @@ from qrobot.c_transport.program_link import CallDispatcher, MakeDispatcher, Prog
 from qrobot.c_transport.usable_time import UsableTime
 from qrobot.errors import ConfigError, LinkLost, LinkTimeout, QRobotError
 from qrobot.rci.listening import listening
+from qrobot.realtime.process_end import end_of_process
 
 GLOBALS: Final = 13  # places of RCCL that the greeting names before that of the callback slot
 LANGUAGE: Final = 14  # where it says which library the program calls: an index into what `serve` is given
@@ -51,7 +52,7 @@ class Foreground:
 
     def __init__(self, channel: socket.socket) -> None:
         self._channel = channel
-        self._process = -1
+        self._process: tuple[int, ...] = ()
         self._look, self._wait = select.poll(), select.poll()
         self._look.register(channel, select.POLLRDHUP)
         self._wait.register(channel, select.POLLIN)
@@ -68,16 +69,15 @@ class Foreground:
 
     def watch(self, process: int) -> None:
         """Take the end of a process for that of the channel, which its children may keep open."""
-        try:
-            self._process = os.pidfd_open(process)
-        except OSError:  # its number is of a name space of its own, or the kernel has no such descriptors
-            return
-        self._look.register(self._process, select.POLLIN)
-        self._wait.register(self._process, select.POLLIN)
+        self._process = end_of_process(process)
+        for end in self._process:
+            self._look.register(end, select.POLLIN)
+            self._wait.register(end, select.POLLIN)
 
     def has_ended(self) -> bool:
         """True when the process that is watched has: no function of it will come back."""
-        return self._process in dict(self._look.poll(0))
+        ready = dict(self._look.poll(0))
+        return any(end in ready for end in self._process)
 
     def send(self, message: CallMessage) -> None:
         """Raises ProgramGone when nobody is there."""
@@ -110,8 +110,8 @@ class Foreground:
     def close(self) -> None:
         """The program goes on, or ends, without us."""
         self._channel.close()
-        if self._process >= 0:
-            os.close(self._process)
+        for end in self._process:
+            os.close(end)
 
 
 class Background:

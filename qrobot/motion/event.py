@@ -9,7 +9,7 @@ from qrobot.motion.request import MoveRequest
 
 
 class Termination(IntEnum):
-    """Reasons for which a request ended. Positive numbers are the program's own (`Generator.interrupt`)."""
+    """Reasons for which a request ended. Positive numbers are the program's own (`Generator.skip`)."""
 
     NONE = 0
     COMPLETED = -1

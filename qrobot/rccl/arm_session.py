@@ -17,8 +17,9 @@ from qrobot.rccl.trace import Trace
 from qrobot.rci import Link
 from qrobot.rci.arm_settings import ArmSettings
 from qrobot.rci.bad_end import at_bad_end, interpreter_ends_well, stop_each, stopping
+from qrobot.rci.forked_child import keep_from_children
 from qrobot.rci.listening import heard, heard_on_leaving, is_listening
-from qrobot.rci.sample_drivers import driver_for
+from qrobot.rci.sample_drivers import driver_for, refuse_at_samples
 from qrobot.rci.sampled_task import SampleDriver
 from qrobot.wire import RobotState, Signals
 from qrobot.wire.codec import check_signal_names
@@ -71,7 +72,14 @@ class ArmSession:
             self._driver.end()
             raise
         atexit.register(self._at_exit)
+        keep_from_children(self)
         self._holds[self] = None
+
+    def forget_in_child(self) -> None:
+        """See `Owned`: the hold is the parent's."""
+        self.released = self._error_told = True
+        self._holds.pop(self, None)
+        atexit.unregister(self._at_exit)
 
     def _new_driver(self, before: SampleDriver | None) -> SampleDriver:
         task = self._task
@@ -135,10 +143,12 @@ class ArmSession:
         """Bring the arm to rest, let go of it and close the link; a second call does nothing.
 
         Motions that turned out to be impossible are told on stderr: a program that has not looked at the `code` of its
-        positions knows nothing of them. Raises what ended the hold before, if the program has not heard of it yet.
+        positions knows nothing of them. Raises what ended the hold before, if the program has not heard of it yet;
+        MotionError, and the hold goes on, in a function that is called at a sample.
         """
         if self.released:
             return
+        refuse_at_samples()
         self.released = True
         self._holds.pop(self, None)
         atexit.unregister(self._at_exit)

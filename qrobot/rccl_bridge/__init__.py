@@ -1,8 +1,8 @@
 """The bridge: user programs on one side over TCP, the servo on the other behind a small port.
 
 It plays the part of the QRobot paper's "RCCL interface" (section 6): packets flow both ways at the sample period,
-setpoints in, the robot's state out. `session` decides without I/O, `server` moves bytes, `port` is all it knows of the
-servo.
+setpoints in, the robot's state out. `session` decides without I/O, `server` moves bytes, `servo_interface` is all it
+knows of the servo.
 """
 
 from qrobot.rccl_bridge.actions import Action, Close, Forward, SendBytes, SessionOutcome, StopArm, carry_out

@@ -6,6 +6,7 @@ functions of tasks use memory, messages and signals. One set of tasks lives from
 
 from __future__ import annotations
 
+import os
 import signal
 import sys
 from collections.abc import Callable
@@ -35,6 +36,15 @@ def be_processor(shared: SharedProgram) -> None:
     """This process runs tasks of a program, whose calls reach it by `shared`."""
     global _shared  # noqa: PLW0603 (the papers' calls name no program)
     _shared = shared
+
+
+def _forget_in_child() -> None:
+    """A child that the program forks has no tasks; see `qrobot.rci.forked_child`."""
+    global _program, _shared  # noqa: PLW0603 (as above)
+    _program = _shared = None
+
+
+os.register_at_fork(after_in_child=_forget_in_child)
 
 
 def _begun() -> RciProgram:
@@ -120,8 +130,13 @@ def rci_processors() -> list[ProcessorInfo]:
 
 
 def rci_close() -> None:
-    """Release all tasks, stop their robots, and forget tasks and memory. Raises what ended a task and was not told."""
+    """Release all tasks, stop their robots, and forget tasks and memory.
+
+    Raises what ended a task and was not told; ConfigError, and nothing happens, in a control function.
+    """
     global _program, _shared  # noqa: PLW0603 (as above)
+    if current_task() is not None:
+        raise ConfigError("rci_close: a control function must not wait for its own end: let it signal the program")
     program = _program
     if program is not None:
         _program = None

@@ -13,7 +13,7 @@ import pickle
 import signal
 import time
 from contextlib import suppress
-from multiprocessing.connection import Connection
+from multiprocessing.connection import Connection, wait
 from typing import Any
 
 import numpy as np
@@ -26,6 +26,7 @@ from qrobot.rci.environment import link_maker
 from qrobot.rci.host_thread import WATCH_S, HostThread
 from qrobot.rci.processor_image import AreaRecord, ProcessorImage, TaskRecord
 from qrobot.rci.task_table import SharedArea, SharedProgram, TaskTable
+from qrobot.realtime.process_end import end_of_process
 from qrobot.realtime.setup import lock_memory, pin_threads, tighten_timers
 
 _HELD = (TaskState.ATTACHING, TaskState.READY, TaskState.ACTIVE, TaskState.RELEASING)
@@ -48,6 +49,7 @@ class AuxiliaryProcessor:
 
     def __init__(self, image: ProcessorImage, events: Connection) -> None:
         self._events = events
+        self._program = end_of_process(image.parent_pid)
         self._told: dict[int, int] = {}  # of which start the end was told
         clock = CommonClock(time.monotonic_ns, image.rate_hz, image.epoch_ns)
         self._table = TaskTable(time.monotonic_ns)
@@ -87,8 +89,11 @@ class AuxiliaryProcessor:
         os._exit(0)  # the thread of a task that never comes back would keep us
 
     def _take_order(self, orders: Connection) -> bool:
-        if not orders.poll(WATCH_S):
+        ready = wait((orders, *self._program), WATCH_S)
+        if not ready:
             return True
+        if orders not in ready:
+            raise EOFError  # a child of the program, which has ended, keeps the orders open
         number, order, arguments = orders.recv()
         if order == "end":
             return False

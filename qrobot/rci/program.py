@@ -18,6 +18,7 @@ from qrobot.rci.bad_end import at_bad_end, interpreter_ends_well, stop_all, stop
 from qrobot.rci.common_clock import CommonClock, checked_rate
 from qrobot.rci.descriptor import AREA_WORDS, HOST, MOST_TASKS, PARENT, TaskDescriptor, TaskState, TaskWord
 from qrobot.rci.environment import Environment, link_maker
+from qrobot.rci.forked_child import keep_from_children
 from qrobot.rci.processor_image import KnownArea, KnownTask, SharedVariable
 from qrobot.rci.readiness import check_open
 from qrobot.rci.real_time import RealTimeProcessors
@@ -108,6 +109,12 @@ class RciProgram:
         self._told: set[int] = set()  # tasks whose end the program has heard of
         atexit.register(self._at_exit)
         _open.append(self)
+        keep_from_children(self)
+
+    def forget_in_child(self) -> None:
+        """See `Owned`: its tasks are the parent's."""
+        atexit.unregister(self._at_exit)
+        _open[:] = [other for other in _open if other is not self]
 
     # -------------------------------------------------------------------------------------------------------- creation
 

@@ -9,9 +9,11 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable
 
+from qrobot.errors import MotionError
 from qrobot.rci.link import Link
+from qrobot.rci.program_time import NO_WAIT, program_time
 from qrobot.rci.sampled_task import SampleDriver, SampledTask
-from qrobot.rci.thread_driver import ThreadDriver
+from qrobot.rci.thread_driver import ThreadDriver, in_sample_thread
 from qrobot.rci.virtual_driver import VirtualDriver
 from qrobot.wire import RobotState
 
@@ -39,3 +41,9 @@ def driver_for(
     if not link.virtual_time:
         return ThreadDriver(link, task, name, tell_again, lock)
     return VirtualDriver(link, task, tell_again, before.rank if isinstance(before, VirtualDriver) else None)
+
+
+def refuse_at_samples() -> None:
+    """Raise MotionError in a function that is called at a sample: what follows waits, and it must not."""
+    if in_sample_thread() or program_time().passing:
+        raise MotionError(NO_WAIT)

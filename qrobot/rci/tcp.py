@@ -13,6 +13,7 @@ from typing import Final, TypeVar
 
 from qrobot.errors import ConfigError, LinkLost, LinkTimeout, error_text
 from qrobot.rci.client import Beside, Client, ServoLoss
+from qrobot.rci.forked_child import keep_from_children
 from qrobot.rci.link import NEW_PERIOD
 from qrobot.realtime.bridge_token import arm_of_token, token_for
 from qrobot.realtime.deadline import Deadline
@@ -147,6 +148,7 @@ class TcpLink:
         self._client = self._new_client(address)
         self._connector = connector
         self._socket: socket.socket | None = None
+        keep_from_children(self)
 
     @property
     def answer_s(self) -> float:
@@ -223,6 +225,12 @@ class TcpLink:
             sock.sendall(self._client.farewell(reason))
             sock.shutdown(socket.SHUT_WR)
             _read_to_the_end(sock, LINGER_S)
+
+    def forget_in_child(self) -> None:
+        """See `Owned`: the connection is the parent's, which says goodbye itself."""
+        sock, self._socket = self._socket, None
+        if sock is not None:
+            sock.close()
 
     def _new_client(self, address: SocketAddress) -> Client:
         hello = self._hello if self._hello.auth else replace(self._hello, auth=token_for(*address))

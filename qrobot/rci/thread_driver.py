@@ -11,6 +11,7 @@ from typing import Final
 from qrobot.errors import LinkError, LinkLost, LinkTimeout, MotionError
 from qrobot.rci import arm_tasks
 from qrobot.rci.client import ServoLoss
+from qrobot.rci.forked_child import NO_PART, keep_from_children
 from qrobot.rci.link import Link
 from qrobot.rci.program_time import NO_WAIT
 from qrobot.rci.robot_samples import RELEASED
@@ -51,6 +52,11 @@ class _SampleThread(threading.Thread):
     """A thread that answers the STATEs of one robot: it waits for none, lest its own go unanswered."""
 
 
+def in_sample_thread() -> bool:
+    """Whether the caller is called at the samples of a robot in real time."""
+    return isinstance(threading.current_thread(), _SampleThread)
+
+
 class ThreadDriver:
     """See `SampleDriver`: time passes by itself, and a thread answers every STATE. See `driver_for`."""
 
@@ -71,6 +77,7 @@ class ThreadDriver:
         self._thread = _SampleThread(target=self._run, name=name, daemon=True)
         self._looking = 0  # waits that look themselves
         self._looks: list[_Look] = []  # that the thread takes
+        keep_from_children(self)
 
     def start(self) -> None:
         """Start the thread, which has the interpreter when a sample is due."""
@@ -93,7 +100,7 @@ class ThreadDriver:
         A program that is woken at each sample needs the interpreter for a moment, and may lose the processor meanwhile:
         then the thread waits for both.
         """
-        if isinstance(threading.current_thread(), _SampleThread):
+        if in_sample_thread():
             raise MotionError(NO_WAIT)
         with self._sampled:
             if ours:
@@ -142,6 +149,11 @@ class ThreadDriver:
         if self._thread.is_alive():
             self._thread.join()
         self.share.end()
+
+    def forget_in_child(self) -> None:
+        """See `Owned`: the thread is the parent's, which may have had the lock."""
+        self._sampled = threading.Condition()
+        self.error = LinkLost(NO_PART)
 
     def _run(self) -> None:
         set_fifo(PRIORITY)

@@ -62,7 +62,7 @@ class Command:
         ack: seq of the newest STATE received.
         t_ns: the client's clock.
         hold_to_run: this stream moves the arm only while a key is held; for as long as the stream lasts.
-        key_held: the key is held now; said again at least every 100 ms.
+        key_held: the key is held now; when that has not been said for 70 ms the arm stops.
         signals: numbers that the program tells, in the order of the names of its `Signals`; NaN for none. Shape (8,).
         path_waits: the arm stands off the program's path, and goes back when somebody confirms; for people.
     """

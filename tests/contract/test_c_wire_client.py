@@ -122,6 +122,32 @@ def test_headers_of_the_system_that_hide_what_it_needs_are_told_of(tmp_path: Pat
     build(COMPILERS[0], source, tmp_path / "late", "-D_POSIX_C_SOURCE=200809L")
 
 
+REACHING = """
+#include "qrobot_wire.h"
+#include <string.h>
+int main(int argc, char **argv)
+{
+    static struct qrobot_link link = {.fd = -1};
+
+    qrw_find_token(&link, "127.0.0.1", 1);
+    if (argc != 2 || strcmp(link.token, "cell") != 0)
+        return 1;
+    return qrw_reach(&link, "127.0.0.1", atoi(argv[1])) == 0 && link.fd > 2 ? 0 : 2;
+}
+"""
+
+
+def test_a_connection_is_no_standard_stream_and_blanks_are_no_part_of_a_token(tmp_path: Path) -> None:
+    """A program that was started with its stdout closed would print to the bridge."""
+    source = tmp_path / "reach.c"
+    source.write_text(REACHING)
+    program = build(COMPILERS[0], source, tmp_path / "reach", *SANITIZED)
+    environment = os.environ | {"QROBOT_TOKEN": " cell\r\n", "ASAN_OPTIONS": ASAN_OPTIONS}
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        command = ["sh", "-c", 'exec "$@" <&- >&-', "sh", program, str(listener.getsockname()[1])]
+        assert subprocess.run(command, env=environment, check=False).returncode == 0
+
+
 def test_the_program_of_the_page_shows_where_the_joints_are(tmp_path: Path) -> None:
     page = (ROOT / "docs/how-to/connect-an-existing-rccl.md").read_text()
     source = tmp_path / "look.c"

@@ -127,6 +127,32 @@ def test_what_a_function_of_every_sample_raises_reaches_the_program(robot) -> No
     assert robot.goodbyes
 
 
+def test_a_function_of_every_sample_that_would_let_go_of_its_arm_is_told_that_it_must_not_wait(robot) -> None:
+    with rccl.control() as arm:
+        arm.each_sample(arm.release)
+        with pytest.raises(MotionError, match="must not wait"):
+            arm.waitas(lambda: False)
+    assert robot.goodbyes == 1
+
+
+def test_a_thread_that_answers_samples_lets_go_of_no_arm() -> None:
+    """It would wait for itself."""
+    told: list[MotionError] = []
+
+    def let_go() -> None:
+        with pytest.raises(MotionError, match="must not wait") as refusal:
+            arm.release()
+        told.append(refusal.value)
+
+    fake = FakeRobot(PARK, name="puma560", period_us=4_000, patience=100_000)
+    with SocketRobot(fake) as server:
+        with rccl.use(lambda hello: TcpLink(hello, ("test", 0), lambda _: server.socket)), rccl.control() as arm:
+            arm.each_sample(let_go)
+            arm.waitas(lambda: len(told) > 2)  # the arm goes on
+            assert not fake.goodbyes
+        wait_until(lambda: fake.goodbyes)
+
+
 def test_what_a_function_asks_of_joints_is_judged_before_it_goes_out(robot) -> None:
     """As what a control function of RCI asks for; a function that leaves the joints to the motions is not judged."""
     with rccl.control() as arm:

@@ -91,9 +91,10 @@ def test_functions_of_two_arms_in_python_tell_each_other_something() -> None:
     assert said_on_two_arms("-c", IN_PYTHON.format(told="arms[1 - i].override(50.0)")) == "both moved\n"
 
 
-def test_a_function_of_one_arm_cannot_wait_for_another_one() -> None:
+@pytest.mark.parametrize("call", ["arcl_wait", "arcl_close"])
+def test_a_function_of_one_arm_cannot_wait_for_another_one(call: str) -> None:
     """The samples of its own arm would wait with it."""
-    said = said_on_two_arms("-c", IN_PYTHON.format(told="arcl_wait(arms[1 - i])"))
+    said = said_on_two_arms("-c", IN_PYTHON.format(told=f"{call}(arms[1 - i])"))
     assert said.startswith("both moved a function that is called at each sample must not wait")
 
 

@@ -161,6 +161,40 @@ def test_a_program_that_waits_for_all_its_children_does_not_wait_for_its_engine(
     assert subprocess.run([program], check=False, timeout=FIRST_START_S).returncode == 0
 
 
+def test_a_program_that_was_started_without_standard_streams_says_nothing_to_its_engine(tmp_path: Path) -> None:
+    """Its channels would be what it prints to."""
+    text = """
+    main() {
+        TRSF_PTR a = gentr_trsl("A", 1., 2., 3.), b = newtrans("B", varb);
+        printf("hello\\n"); fflush(stdout);
+        trmult(b, a, a);
+        return getchar() == EOF && b->p.x == 2. ? 0 : 7;
+    }
+    """
+    command = ["sh", "-c", 'exec "$0" <&- >&-', compiled_text(text, tmp_path)]
+    done = subprocess.run(command, check=False, timeout=FIRST_START_S, stderr=subprocess.PIPE, text=True)
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_tasks_whose_thread_could_not_be_made_start_another_time(tmp_path: Path) -> None:
+    text = """
+    #define _GNU_SOURCE
+    #include <dlfcn.h>
+    #include <errno.h>
+    #include <pthread.h>
+    """ + TASK.replace("    if (rci_start", "    if (rci_start(td->bit) != -1) return 9;\n    if (rci_start") + """
+    int pthread_create(pthread_t *thread, const pthread_attr_t *attr, void *(*start)(void *), void *given)
+    {
+        static int calls;
+        int (*create)(pthread_t *, const pthread_attr_t *, void *(*)(void *), void *);
+        *(void **) &create = dlsym(RTLD_NEXT, "pthread_create");
+        return calls++ ? create(thread, attr, start, given) : EAGAIN;
+    }
+    """
+    status, out, _ = ran(compiled_text(text, tmp_path))
+    assert (status, out) == (0, "ran\n")
+
+
 @pytest.mark.parametrize("first", [False, True])
 def test_a_child_that_lives_on_does_not_hide_the_crash_of_its_program(
     first: bool, run: Run, robot, tmp_path: Path

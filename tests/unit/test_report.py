@@ -58,6 +58,23 @@ def test_a_terminal_that_is_held_makes_nobody_wait_and_has_its_lines_when_it_is_
     assert terminal.taken == [str(number) for number in range(KEPT_LINES + 1)]
 
 
+def test_a_flush_waits_for_what_was_told_and_once_for_a_terminal_that_is_held() -> None:
+    terminal = Terminal()
+    terminal.free.set()
+    with QueuedReport(terminal) as told:
+        for number in range(100):
+            told(str(number))
+        told.flush(PATIENCE_S)
+        assert len(terminal.taken) == 100
+        terminal.free.clear()
+        told("held")
+        told.flush(0.001)
+        told.flush(threading.TIMEOUT_MAX)  # the wait before is still in vain
+        assert len(terminal.taken) == 100
+        terminal.free.set()
+        wait_until(lambda: len(terminal.taken) == 101, "the line that was held")
+
+
 def test_the_end_does_not_wait_for_ever(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("qrobot.report.LAST_LINES_S", 0.01)
     terminal = Terminal()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable
 from typing import Any, Final
 
@@ -14,6 +13,7 @@ from qrobot.arcl.machine.bridge import SAMPLED
 from qrobot.arcl.motion import Motion, MotionFeedback
 from qrobot.arcl.opened import open_robots
 from qrobot.arcl.robot import ArclRobot
+from qrobot.arcl.trace_output import settle
 from qrobot.arcl.trans import Trans
 from qrobot.c_transport.memory import ProgramMemory
 from qrobot.c_transport.message import TEXT, Op
@@ -52,13 +52,13 @@ class FunctionCell:
 
     def call(self, address: int, given: tuple[Any, ...]) -> int:
         """Call it with what ARCL hands to a function of its kind; what it returns."""
+        settle()  # traces stand before what the function prints
         with SAMPLED:  # arms have threads of their own, and the function may tell any arm something
             form, first, second = self._arguments(given)
             self._words[:4] = form, address, first, second
             robots = open_robots()
             self._time[0] = robots[-1].treal if robots else 0.0
             self._objects.show_motions()
-            sys.stdout.flush()  # traces stand before what the function prints
             self._call(Op.CALL_ARCL, 0)
             return int(self._words[4])
 

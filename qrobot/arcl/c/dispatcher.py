@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Sequence
 from typing import Final
 
@@ -11,6 +10,7 @@ from qrobot.arcl.c.cell import FunctionCell
 from qrobot.arcl.c.objects import ObjectTable
 from qrobot.arcl.c.values import CallArguments
 from qrobot.arcl.program import end_all
+from qrobot.arcl.trace_output import settle
 from qrobot.c_transport.memory import ProgramMemory
 from qrobot.c_transport.message import CallMessage, Op
 from qrobot.c_transport.program_link import ProgramLink
@@ -50,7 +50,7 @@ class ArclDispatcher:
     def _told(self, answer: CallMessage | None) -> CallMessage:
         """The answer, once the program can see what became of its motions, and traces before it are printed."""
         self._objects.show_motions()
-        sys.stdout.flush()
+        settle()
         return answer or CallMessage(Op.REPLY)
 
     def let_go(self) -> None:

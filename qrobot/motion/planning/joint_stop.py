@@ -31,7 +31,7 @@ SHORTEST_STOP_S: Final = 0.1  # [A] however slow: the acceleration must not come
 BULGE: Final = 0.06779  # largest c': of the polynomial that absorbs an acceleration, at h = 0.155
 SWING: Final = 0.37394  # largest -c'', at h = 0.36
 LIFT: Final = 0.01728  # largest c, at h = 0.4
-_LEAST_SHARE: Final = 0.01  # [A] of SHORTEST_HALT_S, in which an acceleration is given up at once
+_LEAST_SHARE: Final = 0.01  # [A] of SHORTEST_STOP_S, in which an acceleration is given up at once
 _ROUNDED: Final = 1.0 + 1e-9  # what was planned to be exactly at a limit may be there
 
 

@@ -12,7 +12,7 @@ import threading
 from collections.abc import Callable, Iterable
 from contextlib import nullcontext, suppress
 from dataclasses import dataclass, replace
-from multiprocessing.connection import Connection
+from multiprocessing.connection import Connection, wait
 from typing import Any, Final
 
 from qrobot.arrays import Floats
@@ -36,6 +36,7 @@ from qrobot.rci.tcp import SocketAddress, TcpLink
 from qrobot.rci.thread_driver import ThreadDriver
 from qrobot.realtime.deadline import Deadline
 from qrobot.realtime.interpreter import prepare_interpreter
+from qrobot.realtime.process_end import end_of_process
 from qrobot.realtime.setup import lock_memory, pin_threads, tighten_timers
 from qrobot.wire import Collision, Hello, Payload, RobotState, Signals, Welcome
 
@@ -120,10 +121,12 @@ class GeneratorHost:
     Args:
         connection: to the program.
         values: memory of its transforms.
+        program: number of its process.
     """
 
-    def __init__(self, connection: Connection, values: ValueCells) -> None:
+    def __init__(self, connection: Connection, values: ValueCells, program: int) -> None:
         self._connection = connection
+        self._program = end_of_process(program)
         self.ends = GeneratorEnd(values)
         self.outbox = Outbox()
         self._task: _ReportedTask | None = None
@@ -134,10 +137,10 @@ class GeneratorHost:
         self._teller = threading.Thread(target=self._tell, name="rccl-reports", daemon=True)
 
     def serve(self) -> None:
-        """Carry out orders until the program closes the connection, or is gone."""
+        """Carry out orders until the program closes the connection, or is gone: its children may keep that open."""
         self._teller.start()
         with suppress(EOFError, OSError):
-            while True:
+            while self._connection in wait((self._connection, *self._program)):
                 self._obey(self._connection.recv_bytes())
         self._farewell()
         self.outbox.close()
@@ -339,9 +342,9 @@ class GeneratorHost:
         driver.end()
 
 
-def run(channel: int, memory: int) -> None:
-    """Be the process of a generator, for the program at the other end of the descriptor `channel`."""
+def run(channel: int, memory: int, program: int) -> None:
+    """Be the process of a generator, for the process `program` at the other end of the descriptor `channel`."""
     for number in (signal.SIGINT, signal.SIGHUP):  # the terminal's are the program's, which ends us in good order
         signal.signal(number, signal.SIG_IGN)
-    GeneratorHost(Connection(channel), ValueCells(GENERATOR, memory)).serve()
+    GeneratorHost(Connection(channel), ValueCells(GENERATOR, memory), program).serve()
     os._exit(0)  # no thread of ours has anything left to do

@@ -16,6 +16,7 @@ from qrobot.rccl.process.carried import ProgramEnd
 from qrobot.rccl.process.reports import GeneratorReport, OrderAnswer
 from qrobot.rccl.process.shared_values import PROGRAM, ValueCells, warm_up
 from qrobot.rci.client import Beside
+from qrobot.rci.forked_child import NO_PART, keep_from_children
 from qrobot.realtime.own_process import own_command
 from qrobot.realtime.shared_memory import SharedMemory
 
@@ -53,12 +54,21 @@ class GeneratorProcess:
         self.refusals: Mapping[type[Beside], str] = {}
         ours, theirs = socket.socketpair()
         with theirs:
-            command = own_command("qrobot.rccl.process", str(theirs.fileno()), str(values.fd))
-            self._process = subprocess.Popen(command, pass_fds=(theirs.fileno(), values.fd))
+            handed = theirs.fileno(), values.fd
+            command = own_command("qrobot.rccl.process", *map(str, (*handed, os.getpid())))
+            self._process = subprocess.Popen(command, pass_fds=handed)
         values.close()
         self._connection = Connection(ours.detach())
         self._listener = threading.Thread(target=self._listen, name="rccl-reports", daemon=True)
         self._listener.start()
+        keep_from_children(self)
+
+    def forget_in_child(self) -> None:
+        """See `Owned`: the process is the parent's, whose threads may have had the lock."""
+        self.sampled = threading.Condition()
+        self.error = LinkLost(NO_PART)
+        self._closed = self._ended = True
+        self._connection.close()
 
     @property
     def pid(self) -> int:

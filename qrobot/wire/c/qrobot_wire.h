@@ -958,6 +958,12 @@ static inline int qrw_open(const struct addrinfo *where, int64_t until_ns)
     int fd = socket(where->ai_family, where->ai_socktype, where->ai_protocol), error = 0, yes = 1;
     socklen_t size = sizeof error;
 
+    if (fd >= 0 && fd <= 2) { /* a standard stream that was closed: what the program prints is no packet */
+        int higher = fcntl(fd, F_DUPFD, 3);
+
+        close(fd);
+        fd = higher;
+    }
     if (fd < 0)
         return -1;
     if (fcntl(fd, F_SETFL, O_NONBLOCK) == 0 && fcntl(fd, F_SETFD, FD_CLOEXEC) == 0 &&
@@ -990,6 +996,8 @@ static inline int qrw_split(struct qrobot_link *link, const char *address, char 
     return QROBOT_OK;
 }
 
+#define QRW_BLANKS " \t\r\n" /* around a token in the environment */
+
 /* What to show the bridge: QROBOT_TOKEN of the environment, or, on this machine, the file in the runtime folder. */
 static inline void qrw_find_token(struct qrobot_link *link, const char *host, int port)
 {
@@ -1005,8 +1013,10 @@ static inline void qrw_find_token(struct qrobot_link *link, const char *host, in
 #else
     (void)host, (void)port;
 #endif
-    if (given != NULL)
-        snprintf(link->token, sizeof link->token, "%s", given);
+    if (given != NULL) {
+        given += strspn(given, QRW_BLANKS);
+        snprintf(link->token, sizeof link->token, "%.*s", (int)strcspn(given, QRW_BLANKS), given);
+    }
     if (fd >= 0) {
         size = read(fd, link->token, QROBOT_TOKEN_BYTES);
         close(fd);

@@ -297,12 +297,25 @@ static void close_in_child(void)
     }
 }
 
+/* Standard streams that the program was started without would be the numbers of its channels: what it prints is no
+ * message. */
+static void fill_standard_streams(void)
+{
+    int fd;
+    do
+        fd = open("/dev/null", O_RDWR | O_CLOEXEC);
+    while (fd >= 0 && fd <= STDERR_FILENO);
+    if (fd >= 0)
+        close(fd);
+}
+
 static void reach_engine(void)
 {
     if (rci_is_virtual && rci_is_virtual())
         shim_die("tasks of RCI are active on virtual time, which would not pass for an arm of RCCL or ARCL; run the program "
                  "without --lockstep and --offline, against `qrobot up`");
     owner = getpid();
+    fill_standard_streams();
     int file = shim_share();
     find_engine(channels);
     pthread_atfork(NULL, NULL, close_in_child);

@@ -153,7 +153,7 @@ int rci_link_open(RCI_TASK *td, int power_off, const char *call);
 void rci_link_close(RCI_TASK *td, const char *reason);
 int rci_link_hear(RCI_TASK *td);
 
-/* processor.c, watch.c, virtual.c */
+/* processor.c, watch.c */
 struct processor *rci_processor(const char *name);
 int rci_processor_start(struct processor *processor);
 void rci_processor_wake(struct processor *processor);

@@ -206,6 +206,19 @@ static int tell(unsigned long mask)
     return 0;
 }
 
+/* Tasks whose processor did not start may be started another time. Returns -1. */
+static int give_up_start(unsigned long mask)
+{
+    RCI_TASK *td;
+    int index = 0;
+
+    rci_lock();
+    while ((td = next_of(mask, &index)) != NULL)
+        td->inside->state = RCI_CREATED;
+    rci_unlock();
+    return -1;
+}
+
 static int prepare_start(unsigned long mask)
 {
     RCI_TASK *td;
@@ -232,8 +245,8 @@ static int prepare_start(unsigned long mask)
     rci_program.sealed = 1;
     while ((td = next_of(mask, &index)) != NULL)
         if (rci_processor_start(td->inside->processor) < 0)
-            return -1;
-    return rci_watch_start();
+            return give_up_start(mask);
+    return rci_watch_start() < 0 ? give_up_start(mask) : 0;
 }
 
 /* For rccl.h and arcl.h: 1 when tasks have been active on virtual time. */
