@@ -3,16 +3,20 @@
 Whatever a browser on this machine can be made to do by a page from elsewhere ends here. A foreign name that was pointed
 at this machine (DNS rebinding) has another Host, a foreign page another Origin, and whoever does not know the token has
 no cookie. The token stands once in the address; it is answered with a cookie that scripts cannot read and that other
-sites' pages do not send.
+sites' pages do not send. A browser sends it to other servers of this machine, though, which may be another account's
+(RFC 6265, section 8.5): so who shows it has to be of this account, as is the end of a tunnel that its owner has dug.
 """
 
 from __future__ import annotations
 
+import os
 from collections.abc import Awaitable, Callable, Iterable, MutableMapping
 from hashlib import sha256
 from hmac import compare_digest
 from typing import Any, Final, TypeAlias
 from urllib.parse import parse_qs
+
+from qrobot.realtime.loopback import maybe_account_between
 
 Scope: TypeAlias = MutableMapping[str, Any]
 Receive: TypeAlias = Callable[[], Awaitable[MutableMapping[str, Any]]]
@@ -41,17 +45,30 @@ def cookie_name(token: str) -> str:
     return f"qrobot_pendant_{sha256(token.encode()).hexdigest()[:12]}"
 
 
+def is_of_this_account(scope: Scope) -> bool:
+    """Whether a process of this account, or of root, is at the far end."""
+    theirs, ours = scope.get("client"), scope.get("server")
+    return bool(theirs and ours) and maybe_account_between(tuple(theirs), tuple(ours)) in (0, os.geteuid())
+
+
 class Gate:
-    """Lets in who names this machine, comes from a page of this server and shows the token.
+    """Lets in who is of this account, names this machine, comes from a page of this server and shows the token.
 
     Args:
         app: what is behind.
         token: the secret of this run.
         names: of this machine, as a browser may call it.
+        admits: whether the process at the far end may come in at all.
     """
 
-    def __init__(self, app: AsgiApp, token: str, names: Iterable[str] = OWN_NAMES) -> None:
-        self.app = app
+    def __init__(
+        self,
+        app: AsgiApp,
+        token: str,
+        names: Iterable[str] = OWN_NAMES,
+        admits: Callable[[Scope], bool] = is_of_this_account,
+    ) -> None:
+        self.app, self._admits = app, admits
         self._token, self._cookie = token.encode(), cookie_name(token)
         self._names = tuple(name.lower() for name in names)
 
@@ -69,7 +86,9 @@ class Gate:
             await self.app(scope, receive, _with_headers(send))
 
     def _objection(self, scope: Scope) -> str | None:
-        """Complaint about Host or Origin, None when they are right."""
+        """Complaint about account, Host or Origin, None when they are right."""
+        if not self._admits(scope):
+            return "the request comes from another account of this machine: start a pendant of your own"
         hosts, origins = _headers(scope, b"host"), _headers(scope, b"origin")
         if len(hosts) != 1 or not self._is_own(hosts[0]):
             return "this server is not called by that name"

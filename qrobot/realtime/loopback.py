@@ -31,8 +31,16 @@ def maybe_peer_account(connection: socket.socket) -> int | None:
     """
     try:
         ours, theirs = connection.getsockname(), connection.getpeername()
+    except OSError:
+        return None
+    return maybe_account_between(theirs[:2], ours[:2])
+
+
+def maybe_account_between(theirs: tuple[str, int], ours: tuple[str, int]) -> int | None:
+    """`maybe_peer_account` of a connection whose two ends, host and port, are known."""
+    try:
         wanted = (_plain(theirs[0]), theirs[1]), (_plain(ours[0]), ours[1])
-    except (OSError, ValueError):
+    except ValueError:
         return None
     return next((account for local, remote, account in _connections() if (local, remote) == wanted), None)
 

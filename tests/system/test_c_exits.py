@@ -177,12 +177,15 @@ def test_a_program_that_was_started_without_standard_streams_says_nothing_to_its
 
 
 def test_tasks_whose_thread_could_not_be_made_start_another_time(tmp_path: Path) -> None:
-    text = """
+    text = (
+        """
     #define _GNU_SOURCE
     #include <dlfcn.h>
     #include <errno.h>
     #include <pthread.h>
-    """ + TASK.replace("    if (rci_start", "    if (rci_start(td->bit) != -1) return 9;\n    if (rci_start") + """
+    """
+        + TASK.replace("    if (rci_start", "    if (rci_start(td->bit) != -1) return 9;\n    if (rci_start")
+        + """
     int pthread_create(pthread_t *thread, const pthread_attr_t *attr, void *(*start)(void *), void *given)
     {
         static int calls;
@@ -191,6 +194,7 @@ def test_tasks_whose_thread_could_not_be_made_start_another_time(tmp_path: Path)
         return calls++ ? create(thread, attr, start, given) : EAGAIN;
     }
     """
+    )
     status, out, _ = ran(compiled_text(text, tmp_path))
     assert (status, out) == (0, "ran\n")
 

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import os
+import socket
 import sys
 from typing import Any
 
 import pytest
 
 from qrobot.cli.pendant import entry_file
-from qrobot.pendant.gate import Gate, cookie_name
+from qrobot.pendant.gate import Gate, cookie_name, is_of_this_account
 from qrobot.pendant.server import tell_in_one_line
+from tests.support.accounts import as_other_account, needs_root
 
 TOKEN, HOST = "right", "127.0.0.1:8560"
 OWN = f"http://{HOST}"
@@ -29,8 +32,8 @@ async def _inside(scope: Any, receive: Any, send: Any) -> None:
     await send({"type": "http.response.body", "body": b""})
 
 
-def knock(kind: str, path: str, query: str = "", **headers: str | list[str]) -> list[dict[str, Any]]:
-    """What the gate answers to a request."""
+def knock(kind: str, path: str, query: str = "", ours: bool = True, **headers: str | list[str]) -> list[dict[str, Any]]:
+    """What the gate answers to a request, of a process of this account or not."""
     sent: list[dict[str, Any]] = []
 
     async def receive() -> dict[str, Any]:
@@ -42,7 +45,7 @@ def knock(kind: str, path: str, query: str = "", **headers: str | list[str]) -> 
     pairs = [(name.encode(), each.encode()) for name, value in headers.items()
              for each in ([value] if isinstance(value, str) else value)]  # fmt: skip
     scope = {"type": kind, "path": path, "query_string": query.encode(), "headers": pairs}
-    asyncio.run(Gate(_inside, TOKEN)(scope, receive, send))
+    asyncio.run(Gate(_inside, TOKEN, admits=lambda _: ours)(scope, receive, send))
     return sent
 
 
@@ -75,6 +78,39 @@ def test_a_page_of_this_server_comes_in_and_no_other(kind: str, path: str) -> No
         answer = knock(kind, path, **headers)
         assert answer[0].get("status", 403) == 403, headers
         assert answer[0]["type"] in ("http.response.start", "websocket.close"), headers
+
+
+@pytest.mark.parametrize(("kind", "path"), PLACES)
+def test_another_account_does_not_come_in_whatever_it_shows(kind: str, path: str) -> None:
+    """Browsers send a cookie to every port of this machine; whoever serves one may show it here."""
+    answer = knock(kind, path, host=HOST, origin=OWN, cookie=IN, ours=False)
+    assert not came_in(answer)
+    assert b"another account" in str(answer).encode()
+    assert not came_in(knock("http", "/", query=f"token={TOKEN}", host=HOST, ours=False))
+
+
+def test_a_connection_of_this_account_is_known_by_its_ends() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as server, socket.create_connection(server.getsockname()) as browser:
+        near, _ = server.accept()
+        with near:
+            scope = {"client": list(browser.getsockname()), "server": list(browser.getpeername())}
+            assert is_of_this_account(scope)
+            assert not is_of_this_account(scope | {"client": None})
+            assert not is_of_this_account(scope | {"client": ["127.0.0.1", 1]})  # whoever it is: it is not there
+
+
+@needs_root
+def test_a_connection_of_another_account_is_known_by_its_ends(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(os, "geteuid", lambda: 0)  # the server's account, in the child too
+    with socket.create_server(("127.0.0.1", 0)) as server:
+
+        def visit() -> bool:
+            with socket.create_connection(server.getsockname()) as browser:
+                near, _ = server.accept()
+                with near:
+                    return is_of_this_account({"client": browser.getsockname(), "server": browser.getpeername()})
+
+        assert as_other_account(visit) == "False"
 
 
 @pytest.mark.parametrize("other", ['x={"a":1}', "a=b c", "version=1", "alone", r"b=\q", "="])
