@@ -30,6 +30,7 @@ from qrobot.errors import ConfigError, QRobotError
 
 if TYPE_CHECKING:
     from qrobot.arrays import Floats
+    from qrobot.servo.laws.law import Law
     from qrobot.servo.laws.trial import Call
 
 LOAD_S: Final = 90.0  # [A] of computing time, to run the file and to compile the law
@@ -49,12 +50,14 @@ class Question:
     Attributes:
         name: of a law in a file, as `path/to/file.py:name`.
         robot: what it is to drive. settings: of the law, those chosen. period_ns: of the servo's cycle.
+        digest: of its file, when it was asked for.
     """
 
     name: str
     robot: Robot
     settings: dict[str, float]
     period_ns: int
+    digest: str
 
 
 def main() -> None:
@@ -116,12 +119,22 @@ def _tried(question: Question) -> tuple[dict[str, Any], bytes]:
     return _tried_as_python(question) if jit_disabled() else _tried_as_code(question)
 
 
-def _tried_as_python(question: Question) -> tuple[dict[str, Any], bytes]:
+def _asked_for(question: Question) -> Law:
+    """The law, of the text that was asked for: both trials are of that. Raises ConfigError."""
+    from qrobot.servo.laws.file import law_digest
     from qrobot.servo.laws.shipped import find_law
+
+    law = find_law(question.name, question.robot, question.settings)
+    if law_digest(question.name) != question.digest:
+        raise ConfigError(f"law {question.name}: its file was changed while it was tried; ask for it again")
+    return law
+
+
+def _tried_as_python(question: Question) -> tuple[dict[str, Any], bytes]:
     from qrobot.servo.laws.trial import prove_harmless
 
     with _at_most(signal.ITIMER_VIRTUAL, LOAD_S):
-        law = find_law(question.name, question.robot, question.settings)
+        law = _asked_for(question)
     prove_harmless(law, question.name, question.robot, _each_at_most(law.body, ENOUGH_S))
     return {}, b""
 
@@ -131,11 +144,10 @@ def _tried_as_code(question: Question) -> tuple[dict[str, Any], bytes]:
     from qrobot.realtime.pointer import COMPILE_ERRORS
     from qrobot.servo.laws.law import LAW_SIGNATURE, without_advice
     from qrobot.servo.laws.machine_code_law import LoadedLaw
-    from qrobot.servo.laws.shipped import find_law
     from qrobot.servo.laws.trial import prove, prove_harmless
 
     with _at_most(signal.ITIMER_VIRTUAL, LOAD_S):
-        law = find_law(question.name, question.robot, question.settings)
+        law = _asked_for(question)
         try:
             compiled, code = compile_for_export(law.body.py_func, LAW_SIGNATURE)  # type: ignore[attr-defined]
         except COMPILE_ERRORS as error:

@@ -25,6 +25,7 @@ from qrobot.realtime.deadline import Deadline
 from qrobot.realtime.jit import jit_disabled
 from qrobot.realtime.machine_code import MachineCode
 from qrobot.servo.laws.checker import LOAD_S, LOAD_SIGNAL, TRIAL_S, TRIAL_SIGNAL, Question
+from qrobot.servo.laws.file import law_digest
 from qrobot.servo.laws.law import Law, Setting
 from qrobot.servo.laws.machine_code_law import LoadedLaw
 from qrobot.servo.laws.names import is_file_law
@@ -57,7 +58,8 @@ def tried_law(
         LinkLost: it was given up.
     """
     if is_file_law(name):
-        return law_in_file(Question(name, robot, dict(settings), period_ns), given_up or threading.Event())
+        question = Question(name, robot, dict(settings), period_ns, law_digest(name))
+        return law_in_file(question, given_up or threading.Event())
     law = find_law(name, robot, settings)
     if timed:
         prove(law, name, robot, period_ns)

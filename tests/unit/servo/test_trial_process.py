@@ -71,6 +71,16 @@ def test_a_law_that_passes_comes_back_as_code_that_moves_the_arm_as_the_law_itse
     np.testing.assert_array_equal(rows[0]["tau"], rows[1]["tau"])
 
 
+@pytest.mark.skipif(jit_disabled(), reason="without machine code a law is tried once")
+def test_a_file_that_is_saved_while_its_law_is_tried_is_refused(tmp_path: Path) -> None:
+    """What would be compiled is not what was tried index by index."""
+    saves = (
+        "import os\nif os.environ['NUMBA_DISABLE_JIT'] == '1':\n    open(__file__, 'a').write('    tau[7] = 1.0\\n')\n"
+    )
+    with pytest.raises(ConfigError, match="its file was changed while it was tried; ask for it again"):
+        tried(tmp_path, ZEROS.replace("@law", f"{saves}@law"))
+
+
 def _here() -> Law:
     scope: dict[str, Law] = {}
     exec(GOOD, scope)
