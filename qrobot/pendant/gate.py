@@ -48,7 +48,9 @@ def cookie_name(token: str) -> str:
 def is_of_this_account(scope: Scope) -> bool:
     """Whether a process of this account, or of root, is at the far end."""
     theirs, ours = scope.get("client"), scope.get("server")
-    return bool(theirs and ours) and maybe_account_between(tuple(theirs), tuple(ours)) in (0, os.geteuid())
+    if theirs is None or ours is None:
+        return False
+    return maybe_account_between(tuple(theirs), tuple(ours)) in {0, os.geteuid()}
 
 
 class Gate:

@@ -53,7 +53,7 @@ class Living:
 def serving(host: Host, connection: Any) -> Iterator[None]:
     """The far end of a pipe, until the end is ordered."""
     far: Any = AuxiliaryProcessor.__new__(AuxiliaryProcessor)
-    far._host = host
+    far._host, far._program = host, ()
 
     def serve() -> None:
         while far._take_order(connection):
