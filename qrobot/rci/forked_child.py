@@ -15,7 +15,7 @@ NO_PART: Final = "a child that the program has forked has no part in its arms: l
 
 
 class Owned(Protocol):
-    """What belongs to the process that has made it."""
+    """A thing of the process that has made it, in which children of that have no part."""
 
     def forget_in_child(self) -> object:
         """Be without effect from now on, in a child that was forked just now: no thread but this one is there."""

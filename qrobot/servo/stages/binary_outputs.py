@@ -25,7 +25,7 @@ FAULTED: Final = int(Mode.FAULT)
 
 @lean_kernel
 def asked_outputs(params: ServoParameters, state: ServoState, mail: Any) -> int:
-    """What the program asks for, behind which what it has let go of is locked no longer.
+    """Outputs that the program asks for, behind which what it has let go of is locked no longer.
 
     To be read before `stop_stands`, which reads when it was said: what is new is not locked for the silence before it.
     """
