@@ -34,6 +34,7 @@ class QueuedReport:
         self._lines = SimpleQueue[str | threading.Event | None]()
         self._written = threading.Event()  # all that was told when `flush` was called last
         self._written.set()
+        self._told = False  # something since the last `flush`
         self._thread = threading.Thread(target=self._write, name="report", daemon=True)
         self._thread.start()
 
@@ -41,10 +42,12 @@ class QueuedReport:
         """Tell one line."""
         if self._lines.qsize() < KEPT_LINES:
             self._lines.put(line)
+            self._told = True
 
     def flush(self, seconds: float) -> None:
-        """Wait so long at most until what was told is written; not at all while an earlier wait is still in vain."""
-        if self._written.is_set():
+        """Wait so long at most until what was told since is written; not at all while an earlier wait is in vain."""
+        if self._told and self._written.is_set():
+            self._told = False  # first: what is told meanwhile is for the next one
             self._written = threading.Event()
             self._lines.put(self._written)
             self._written.wait(seconds)

@@ -11,16 +11,16 @@ from contextlib import suppress
 from functools import cache
 from typing import Final
 
-from qrobot.rci.thread_driver import in_sample_thread
+from qrobot.rci.thread_driver import keeps_samples_waiting
 from qrobot.report import QueuedReport
 
 PROGRAM_PATIENCE_S: Final = 0.5  # [A] that a program waits for lines told before, once for a stdout that is held
-SAMPLE_PATIENCE_S: Final = 0.005  # [A] the same of a function that is called at a sample
+SAMPLE_PATIENCE_S: Final = 0.005  # [A] the same of a function for which samples wait
 
 
 def say(line: str, waited_for: bool = False) -> None:
     """Print a line of a trace; `waited_for`: an arm waits for the caller, as it does at its samples."""
-    if waited_for or in_sample_thread():
+    if waited_for or keeps_samples_waiting():
         _lines()(line)
     else:
         settle()
@@ -30,7 +30,7 @@ def say(line: str, waited_for: bool = False) -> None:
 def settle() -> None:
     """Wait a moment for lines that are still to be written: what is printed next stands behind them."""
     if _lines.cache_info().currsize:
-        _lines().flush(SAMPLE_PATIENCE_S if in_sample_thread() else PROGRAM_PATIENCE_S)
+        _lines().flush(SAMPLE_PATIENCE_S if keeps_samples_waiting() else PROGRAM_PATIENCE_S)
 
 
 @cache

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import shutil
 import subprocess
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -130,7 +131,7 @@ def write_film(
     progress: Progress = lambda *_: None,
 ) -> None:
     """Write the pictures of these rows. Raises LogError as `write_animation` does."""
-    writer = _writer(path, film)
+    writer, before = _writer(path, film), sys.exception()  # before: of a program that has ended, whose film it is
     with mpl.rc_context(STYLE):
         stage = make_stage()
         try:
@@ -144,13 +145,15 @@ def write_film(
         except OSError as error:
             raise LogError(f"cannot write {path}: {error_text(error)}") from None
         except subprocess.CalledProcessError as error:
-            _raise_end_of_ffmpeg(error, path)
+            _raise_end_of_ffmpeg(error, path, before)
 
 
-def _raise_end_of_ffmpeg(error: subprocess.CalledProcessError, path: Path) -> NoReturn:
+def _raise_end_of_ffmpeg(error: subprocess.CalledProcessError, path: Path, before: BaseException | None) -> NoReturn:
     """Raise what has ended the drawing, Ctrl-C say, which ffmpeg hears too; LogError where ffmpeg itself has failed."""
     ended = error.__context__
-    if ended is not None and not isinstance(ended, OSError):  # a broken pipe comes of ffmpeg's end
+    if (
+        ended is not None and ended is not before and not isinstance(ended, OSError)
+    ):  # a broken pipe comes of ffmpeg's end
         raise ended
     told = [*str(error.stderr).strip().splitlines(), f"status {error.returncode}"]
     raise LogError(f"cannot write {path}: ffmpeg: {told[0]}") from None

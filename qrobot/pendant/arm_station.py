@@ -246,6 +246,8 @@ class ArmStation:
     def refuse_late(self, heard_s: float | None, most_s: float = LATE_S) -> None:
         """Raises MotionError: a page's word `is_late`, and whoever asked may stand beside the arm by now."""
         if self.is_late(heard_s, most_s):
+            if self._clock() - self._newest_s > most_s:
+                raise MotionError("not done: nothing is heard of the arm, so nobody knows how old your word is")
             raise MotionError("not done: it came late, by a slow connection; look at the arm, and press again")
 
     def is_late(self, heard_s: float | None, most_s: float) -> bool:

@@ -19,7 +19,7 @@ from qrobot.errors import LinkBusy
 from qrobot.pendant.answering_process import LOGS, SCOPE, AnsweringProcess
 from qrobot.pendant.arm_station import close_all
 from qrobot.pendant.floor import DriveFloor
-from qrobot.pendant.gate import TOKEN_PARAMETER, Gate
+from qrobot.pendant.gate import TOKEN_PARAMETER, AsgiApp, Gate
 from qrobot.pendant.live_socket import serve_page
 from qrobot.pendant.log_queries import add_log_queries
 from qrobot.pendant.log_shelf import LogShelf
@@ -73,12 +73,17 @@ def address_of(listener: socket.socket, token: str) -> str:
     return f"http://{LOOPBACK}:{listener.getsockname()[1]}/?{TOKEN_PARAMETER}={token}"
 
 
+def server_config(app: AsgiApp) -> uvicorn.Config:
+    """Settings of the server. The kernel says who is at the far end (`is_of_this_account`), no header of a proxy."""
+    return uvicorn.Config(
+        app, log_config=None, log_level="error", access_log=False, ws="websockets-sansio", ws_max_size=1 << 16,
+        ws_ping_interval=5.0, ws_ping_timeout=5.0, timeout_graceful_shutdown=1, lifespan="on", proxy_headers=False,
+    )  # fmt: skip
+
+
 def serve(app: Gate, listener: socket.socket, began: Callable[[], None]) -> None:
     """Serve until Ctrl-C; `began` is called when pages are answered."""
-    config = uvicorn.Config(
-        app, log_config=None, log_level="error", access_log=False, ws="websockets-sansio", ws_max_size=1 << 16,
-        ws_ping_interval=5.0, ws_ping_timeout=5.0, timeout_graceful_shutdown=1, lifespan="on",
-    )  # fmt: skip
+    config = server_config(app)
     logging.getLogger("uvicorn.error").addFilter(tell_in_one_line)
     server = _Server(config, began)
     with suppress(KeyboardInterrupt):

@@ -52,9 +52,17 @@ class _SampleThread(threading.Thread):
     """A thread that answers the STATEs of one robot: it waits for none, lest its own go unanswered."""
 
 
+_asking: Final = threading.local()  # `now`: the thread asks a predicate of the program, with the lock of its samples
+
+
 def in_sample_thread() -> bool:
     """Whether the caller is called at the samples of a robot in real time."""
     return isinstance(threading.current_thread(), _SampleThread)
+
+
+def keeps_samples_waiting() -> bool:
+    """Whether samples of a robot in real time wait for the caller: it is called at one, or asked between two."""
+    return in_sample_thread() or getattr(_asking, "now", False)
 
 
 class ThreadDriver:
@@ -103,10 +111,14 @@ class ThreadDriver:
         if in_sample_thread():
             raise MotionError(NO_WAIT)
         with self._sampled:
-            if ours:
-                self._sleep_through(_Look(predicate))
-            else:
-                self._sleep_from_sample_to_sample(predicate)
+            before, _asking.now = getattr(_asking, "now", False), True
+            try:
+                if ours:
+                    self._sleep_through(_Look(predicate))
+                else:
+                    self._sleep_from_sample_to_sample(predicate)
+            finally:
+                _asking.now = before
 
     def _sleep_from_sample_to_sample(self, predicate: Callable[[], bool]) -> None:
         self._looking += 1

@@ -23,6 +23,7 @@ from qrobot.arcl import (
 )
 from qrobot.arcl.events import ArclEvent
 from qrobot.arcl.switches import switches
+from qrobot.report import QueuedReport
 from tests.support.arcl import PARK, offline
 from tests.support.fake_robot import FakeRobot, TcpRobot
 from tests.support.patience import PATIENCE_S, wait_until
@@ -96,7 +97,17 @@ def test_a_stdout_that_is_held_keeps_no_arm_waiting(
     rp = arcl_open(ARCL_BRIDGE, place, ARCL_PERIOD, 4.0, 0)
     goals = [joint_pos(rp, f"P{k}", (AWAY_DEG + k, *PARK[1:])) for k in range(2)]
     motions = [move(rp, goal, MOV_TIME, 400, 0) for goal in goals]
-    arcl_wait(rp)
+    flushes: list[float] = []
+    monkeypatch.setattr(QueuedReport, "flush", lambda _, seconds: flushes.append(seconds))
+
+    def arrived() -> bool:
+        """Be asked with the lock of all arms held, as a function in C is before which traces are printed."""
+        trace_output.settle()
+        trace_output.say("asked")
+        return not rp.moving
+
+    arcl_wait(rp, arrived)
+    assert set(flushes) == {trace_output.SAMPLE_PATIENCE_S}
     assert [motion.code for motion in motions] == [ArclEvent.EVENT_DONE] * 2
     assert fake.q[0] == pytest.approx(np.radians(AWAY_DEG + 1))
     assert stdout.lines == []

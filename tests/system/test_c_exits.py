@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import signal
 import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -171,9 +172,14 @@ def test_a_program_that_was_started_without_standard_streams_says_nothing_to_its
         return getchar() == EOF && b->p.x == 2. ? 0 : 7;
     }
     """
-    command = ["sh", "-c", 'exec "$0" <&- >&-', compiled_text(text, tmp_path)]
-    done = subprocess.run(command, check=False, timeout=FIRST_START_S, stderr=subprocess.PIPE, text=True)
-    assert (done.returncode, done.stderr) == (0, "")
+    python = tmp_path / "python"  # of its engine
+    look = f'streams=$(readlink /proc/$$/fd/1 /proc/$$/fd/2); echo "$streams" > {tmp_path}/streams'
+    python.write_text(f'#!/bin/sh\n{look}\nexec {sys.executable} "$@"\n')
+    python.chmod(0o755)
+    command = ["sh", "-c", 'exec "$0" <&- >&- 2>&-', compiled_text(text, tmp_path)]
+    surroundings = os.environ | {"QROBOT_PYTHON": str(python)}
+    assert subprocess.run(command, check=False, timeout=FIRST_START_S, env=surroundings).returncode == 0
+    assert (tmp_path / "streams").read_text() == "/dev/null\n" * 2
 
 
 def test_tasks_whose_thread_could_not_be_made_start_another_time(tmp_path: Path) -> None:

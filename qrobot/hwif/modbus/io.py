@@ -24,7 +24,7 @@ from qrobot.hwif.modbus.client import MS_PER_S, ModbusLine
 from qrobot.hwif.operations import ALL_ANALOG, OP_ANALOG, OP_OUTPUTS, OP_WRITE, signed_microvolts
 from qrobot.hwif.registers import DISCRETE, DISCRETE_HAND_CLOSE, DISCRETE_HAND_OPEN
 from qrobot.report import Report
-from qrobot.units import NS_PER_MS
+from qrobot.units import NS_PER_MS, NS_PER_S
 
 SIGN: Final = 0x8000  # of a register
 REGISTER: Final = 0xFFFF
@@ -138,9 +138,11 @@ class RemoteModule:
     def run(self, stop: threading.Event) -> None:
         """Poll until `stop` is set, then leave on what holds, analogue outputs off, and let go of it."""
         self._allowed = ALL_OUTPUTS
+        period_s = self._choice.period_ms / MS_PER_S
         while not stop.is_set():
+            asked_ns = self._now_ns()
             self.poll()
-            stop.wait(self._choice.period_ms / MS_PER_S)
+            stop.wait(max(0.0, period_s - (self._now_ns() - asked_ns) / NS_PER_S))
         self.let_go()
         self._allowed = self._held  # nobody is left to say what the others are to be
         if self._here:

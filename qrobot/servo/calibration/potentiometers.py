@@ -54,7 +54,8 @@ def has_table(params: ServoParameters) -> bool:
 def answer_pots(params: ServoParameters, state: ServoState) -> bool:
     """True when the potentiometers have had their say on a request for power, or none is wanted; ask in each cycle.
 
-    They have found the counters right before, but an encoder may have been off since: each request has them read anew.
+    Where they found the counters right before, an encoder may have been off since: each request has them read anew.
+    Where they did not, that stands until the board is met anew, or the counters are given up.
     """
     if not has_table(params):
         return True

@@ -19,6 +19,7 @@ from qrobot.units import NS_PER_S
 
 PACE_PER_S: Final = 200.0  # of the momentum observer: 5 ms, about what the velocity's low pass takes
 FASTEST_SHARE: Final = 0.5  # of a deviation the observer may take back in one cycle; slow servos have a slower one
+LOWEST_HZ: Final = 100  # that a deployment file takes
 MOST_UNSEEN: Final = STALE / 1.15  # of its time constants between two exchanges: they are not even [A]
 # Friction as commanded torque, over the Coulomb friction of the robot file, where that is a third too low, sticks by a
 # factor of 1.3 and the motor gives a fifth too little [A]: at break-away, and beyond that of the sliding joint.
@@ -125,9 +126,10 @@ def check_exchanges(settings: ServoSettings) -> None:
     if settings.position_drives or settings.exchange_ms <= longest_ms:
         return
     highest_hz = math.floor(1e3 * MOST_UNSEEN / (FASTEST_SHARE * settings.exchange_ms))
+    lower = f"lower rate_hz to {highest_hz} at most, or " if highest_hz >= LOWEST_HZ else ""
     raise ConfigError(
         f"a servo of {settings.rate_hz:g} Hz would notice no collision and no dead encoder behind a board that is "
-        f"asked every {settings.exchange_ms:g} ms: lower rate_hz to {highest_hz} at most, or ask the board every "
+        f"asked every {settings.exchange_ms:g} ms: {lower}ask the board every "
         f"{math.floor(100.0 * longest_ms) / 100.0:g} ms at least (period_ms)"
     )
 

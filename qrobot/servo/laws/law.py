@@ -31,6 +31,7 @@ import math
 import re
 import textwrap
 from collections.abc import Callable, Mapping
+from copy import copy
 from dataclasses import dataclass
 from difflib import get_close_matches
 from functools import cached_property
@@ -153,7 +154,13 @@ class Law(KernelPointer):
             if name not in names:
                 raise ConfigError(f"the law has no setting {name!r}{_proposal(name, names)}")
             values[names.index(name)] = self.settings[names.index(name)].checked(value)
-        return Law(self.body, self.settings, values, self.signals, self.compliant)
+        return self.with_values(values)
+
+    def with_values(self, values: Floats) -> Law:
+        """The same law with these settings, shape (32,)."""
+        other = copy(self)
+        other.values = values
+        return other
 
 
 @overload

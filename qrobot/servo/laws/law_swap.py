@@ -17,7 +17,6 @@ from typing import Any, Final
 
 import numpy as np
 
-from qrobot.arrays import Floats
 from qrobot.realtime.atomics import load_acquire, store_release
 from qrobot.realtime.jit import lean_kernel
 from qrobot.realtime.pointer import function_at
@@ -93,9 +92,10 @@ def ask_for_law(swap: SwapState, law: Law, gains: Any) -> None:
     _ask(swap)
 
 
-def ask_for_settings(swap: SwapState, values: Floats) -> None:
-    """Ask the loop for other settings (32,) of the law in force, which has to be compliant; in any mode."""
-    swap.next_settings[:] = values
+def ask_for_settings(swap: SwapState, law: Law) -> None:
+    """Ask the loop for the settings of `law`, which is in force and has to be compliant; in any mode."""
+    swap.next_law_at = law.address
+    swap.next_settings[:] = law.values
     swap.only_settings = 1
     _ask(swap)
 

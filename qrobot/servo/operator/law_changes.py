@@ -15,6 +15,7 @@ from qrobot.servo.laws.law_swap import (
     NO_TORQUE,
     NOT_NOW,
     OUT_OF_BOUNDS,
+    SWAPPED,
     SwapState,
     ask_for_law,
     ask_for_settings,
@@ -60,6 +61,7 @@ class LawChanges:
         if given_up.is_set():
             raise LinkLost("whoever asked for the law has gone: it has not been taken")
         with self._changing:
+            self._note_law_before(servo.mailbox.snapshot())
             self._swap(law, request.name, np.array(servo.swap.gains))
 
     def _change_settings(self, request: ChangeLaw) -> None:
@@ -67,8 +69,9 @@ class LawChanges:
         servo = self._servo
         law = servo.law.with_settings(request.settings)
         check_gains(servo.robot, servo.settings, servo.law_name, np.array(servo.swap.gains), law.chosen)
-        ask_for_settings(servo.swap, law.values)
-        _wait_for_swap(servo.swap)
+        ask_for_settings(servo.swap, law)
+        if _wait_for_swap(servo.swap) != SWAPPED:
+            raise QRobotError(f"law {servo.law_name} has failed meanwhile: its settings have not been taken")
         servo.law = law
         self._kept[law.address] = (law, servo.law_name)
         self._note_swap()
@@ -129,7 +132,9 @@ class LawChanges:
         servo, address = self._servo, int(self._servo.swap.law_at)
         if address == servo.law.address:
             return
-        servo.law, servo.law_name = self._kept[address]
+        law, servo.law_name = self._kept[address]
+        servo.law = law.with_values(np.array(servo.swap.settings))  # those that it was left with
+        self._kept[address] = servo.law, servo.law_name
         describe_law(servo.mailbox.words, law_label(servo.law_name))
         self._note(now.t_ns, now.tick)
         servo.say(f"law {servo.law_name} is in force again: the one after it has failed")

@@ -151,13 +151,14 @@ def call_law(state: ServoState, address: int, q_ref: Any, gains: Any, settings: 
 def swap_law(state: ServoState) -> int:
     """Do the swap that is asked for, where the mode allows it: unpowered as it is, holding without a bump.
 
-    Other settings of a compliant law are taken in any mode: it goes over to them by itself.
+    Other settings of a compliant law are taken in any mode, for it goes over to them by itself, unless it has failed
+    meanwhile and another law is in force.
 
     The arm is then held where it is: what is left of an error must not become a motion under a law that integrates it.
     """
     mode, swap = state.mode, state.swap
     if swap.only_settings != 0:
-        return take_settings(swap)
+        return take_settings(swap) if swap.law_at == swap.next_law_at else NOT_NOW
     if mode == OFF:
         return install(swap)
     if mode != HOLDING or state.law_failed != 0:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from dataclasses import replace
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 
@@ -11,6 +12,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from qrobot.cli.run_film import filmed
 from qrobot.config import load_robot, robot_path
 from qrobot.config.fences import Fence
 from qrobot.config.shape import Capsule
@@ -212,6 +214,15 @@ def test_what_ffmpeg_says_when_it_fails_is_told_and_no_film_is_left(
     with pytest.raises(LogError, match=f"run.mp4: {told}"):
         write_animation(log, tmp_path / "films" / "run.mp4", Film(frames_hz=2, width=320))
     assert list((tmp_path / "films").iterdir()) == []
+
+
+def test_a_film_of_a_program_that_ended_well_and_could_not_be_made_is_told(
+    log: Log, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    put_ffmpeg("cat > /dev/null; exit 3", tmp_path, monkeypatch)
+    make = partial(write_animation, log, tmp_path / "run.mp4", Film(frames_hz=2, width=320))
+    with pytest.raises(LogError, match="ffmpeg: status 3"), filmed(make):
+        raise SystemExit(0)
 
 
 def test_a_film_that_is_broken_off_ends_as_such_though_ffmpeg_hears_of_it_and_fails(

@@ -10,10 +10,11 @@ import sys
 from typing import Any
 
 import pytest
+import uvicorn
 
 from qrobot.cli.pendant import entry_file
 from qrobot.pendant.gate import Gate, cookie_name, is_of_this_account
-from qrobot.pendant.server import tell_in_one_line
+from qrobot.pendant.server import server_config, tell_in_one_line
 from tests.support.accounts import as_other_account, needs_root
 
 TOKEN, HOST = "right", "127.0.0.1:8560"
@@ -97,6 +98,36 @@ def test_a_connection_of_this_account_is_known_by_its_ends() -> None:
             assert is_of_this_account(scope)
             assert not is_of_this_account(scope | {"client": None})
             assert not is_of_this_account(scope | {"client": ["127.0.0.1", 1]})  # whoever it is: it is not there
+
+
+def test_no_header_says_who_is_at_the_far_end() -> None:
+    """uvicorn would take the word of a proxy on this machine for it, and everybody on this machine is one."""
+    ends = asyncio.run(_ends_of_a_request(b"X-Forwarded-For: 127.0.0.1:1"))
+    assert ends["client"] == ends["told"]
+
+
+async def _ends_of_a_request(header: bytes) -> dict[str, Any]:
+    """What the app behind the pendant's server is told of a request's far end, and what that is."""
+    seen: dict[str, Any] = {}
+
+    async def app(scope: Any, receive: Any, send: Any) -> None:
+        if scope["type"] == "http":
+            seen["client"] = tuple(scope["client"])
+            await _inside(scope, receive, send)
+
+    config = server_config(app)
+    config.lifespan = "off"
+    server = uvicorn.Server(config)
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        serving = asyncio.create_task(server.serve([listener]))
+        reader, writer = await asyncio.open_connection(*listener.getsockname())
+        seen["told"] = writer.get_extra_info("sockname")
+        writer.write(b"GET / HTTP/1.1\r\nHost: 127.0.0.1\r\nConnection: close\r\n" + header + b"\r\n\r\n")
+        await reader.read()
+        writer.close()
+        server.should_exit = True
+        await serving
+    return seen
 
 
 @needs_root

@@ -184,7 +184,7 @@ def test_a_pushed_arm_gives_way_by_force_over_stiffness_and_takes_new_stiffness_
     np.testing.assert_array_less(np.abs(kp * (rig.emulator.q - start) - tau), COULOMB + 0.5)
     assert (rig.emulator.q - start > 0.05).all()
     for share in (2.0, 0.7):
-        ask_for_settings(rig.state.swap, JOINT.with_settings(stiff(share * kp)).values)
+        ask_for_settings(rig.state.swap, JOINT.with_settings(stiff(share * kp)))
         rig.run_for(2.5)
         np.testing.assert_array_less(np.abs(share * kp * (rig.emulator.q - start) - tau), 1.3 * COULOMB + 0.5)
     rows = rig.rows()

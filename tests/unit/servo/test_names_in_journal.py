@@ -192,3 +192,31 @@ def test_names_that_cannot_be_dated_are_noted_at_the_next_look(
     servo.changes.note_fallback()
     servo.bench.tick(10)
     assert servo.logged(tmp_path).program_signal_names == ("force",)
+
+
+def test_settings_that_meet_another_law_in_the_loop_are_not_taken(
+    servo: Servo, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The law failed, and its fault was cleared, after it was looked at."""
+    soft = Law(find_law("pd", ROBOT).body, (Setting("softness", 1.0, 0.0, 2.0, "", "how soft"),), compliant=True)
+    servo.changes._swap(soft, "soft", servo.bench.state.swap.gains.copy())
+    before = servo.swap.last_settings.copy()
+    monkeypatch.setattr(law_changes, "await_loop", lambda _: (fall_back(servo.swap), servo.bench.tick(1)))
+    with pytest.raises(QRobotError, match="law soft has failed meanwhile: its settings have not been taken"):
+        servo.changes.change_law(ChangeLaw(name="soft", settings={"softness": 2.0}), threading.Event())
+    np.testing.assert_array_equal(servo.swap.settings, before)
+
+
+def test_the_first_law_that_is_in_force_again_is_told_with_the_settings_it_was_left_with(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    own = Law(find_law("pd", ROBOT).body, (Setting("share", 1.0, 0.0, 2.0, "", "of something"),))
+    servo = Servo(ServoBench(law=own).tick(5), own, "own")
+    monkeypatch.setattr(law_changes, "await_loop", lambda _: servo.bench.tick(1))
+    gains = servo.bench.state.swap.gains.copy()
+    servo.changes._swap(find_law("qrobot", ROBOT), "qrobot", gains)
+    servo.changes._swap(own.with_settings({"share": 2.0}), "own", gains)
+    for name, chosen in (("qrobot", {}), ("own", {"share": 1.0})):
+        fall_back(servo.swap)
+        servo.changes.note_fallback()
+        assert (servo.law_name, servo.law.chosen) == (name, chosen)
