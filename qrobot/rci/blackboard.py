@@ -67,11 +67,13 @@ class Chg:
             self.outputs = self.outputs | bit if line > 0 else self.outputs & ~bit
 
     def command(self, state: State, t_ns: int) -> Command:
-        """The command that answers `state`."""
+        """The command that answers `state`; what a thread of the program raises meanwhile goes with the next one."""
         command = Command(
             state.seq, self.modes, self.setpoints, self.power, self.clear_fault, self.stop, self.stream, self.hand,
             self.outputs, state.seq, t_ns, self.hold_to_run, self.key_held, self.signals,
             self.path_waits,
         )  # fmt: skip
-        self.clear_fault = self.stop = self.key_held = False
+        self.clear_fault &= not command.clear_fault
+        self.stop &= not command.stop
+        self.key_held &= not command.key_held
         return command

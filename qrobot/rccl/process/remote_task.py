@@ -179,20 +179,22 @@ class RemoteTask:
             self.td.how = seen.how
         if not self._adopted:  # hand and outputs are at first as the robot tells
             self.chg.hand, self.chg.outputs = seen.hand, seen.outputs
-            self._told, self._adopted = self._program_fields(), seen.follows_setpoints
+            self._told |= {"hand": seen.hand, "outputs": seen.outputs}
+            self._adopted = seen.follows_setpoints
 
     def _program_fields(self) -> dict[str, Any]:
         return {name: getattr(self.chg, name) for name in CHANGED}
 
     def tell_changes(self) -> None:
-        """Hand over what the program has changed in `chg`."""
+        """Hand over what the program has changed in `chg`; what its thread changes meanwhile is for the next time."""
         now = self._program_fields()
         changed = {name: value for name, value in now.items() if value != self._told[name]}
         if changed:
             self.process.tell("change", changed)
         for name in ONCE:
-            setattr(self.chg, name, False)
-        self._told = self._program_fields()
+            if now[name]:
+                setattr(self.chg, name, False)
+        self._told = now | dict.fromkeys(ONCE, False)
 
     @property
     def how(self) -> RobotState | None:
