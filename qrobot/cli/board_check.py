@@ -53,7 +53,8 @@ def check(
         Make the steps with arm power too: which way each joint goes, and whether its motor follows. THE ARM MAY SINK:
         support it, and keep a hand on the emergency stop.
     yes
-        Ask nobody: leave out what needs hands or eyes, and take the questions of the steps with power as answered yes.
+        Ask nobody: leave out what needs hands or eyes, and take the questions of the steps with power as answered yes:
+        not with an arm connected that nobody watches.
         Nobody then sees which way joints with a brake go: a mirrored one is not found.
     json
         Print JSON.
@@ -72,6 +73,7 @@ def check(
         robot_of_arm(chosen),
         (lambda _question: True) if yes else _ask,
         None if chosen.board.drives is None else chosen.board.drives.mode,
+        lambda line: err.print(Text(f"  {line}"), soft_wrap=True),
     )
     findings = []
     permissions = Permissions(read_only, power, hands=not yes and not read_only)

@@ -11,7 +11,8 @@ from qrobot.hwif.registers import DAC, DAC_ZERO, DISCRETE, DISCRETE_POWER, STATU
 from qrobot.rig.board_walk import LeftOutError, StepError, Walk, joints_named, reversed_counts
 from qrobot.units import M_PER_MM, RAD_PER_DEG
 
-POWER_S: Final = 5.0  # somebody has to press ARM POWER
+ALONE_S: Final = 0.3  # [A] arm power that needs no button has come by then
+POWER_S: Final = 10.0  # [A] for somebody who was told to press ARM POWER
 RELEASE_S: Final = 0.06  # brakes open
 PUSH_S: Final = 0.04
 PUSH_FRICTION: Final = 2.0  # times the friction the robot file expects: enough to move, too little to go far
@@ -27,7 +28,7 @@ def power_for_an_instant(walk: Walk) -> str:
     """Power comes with zero torque, and goes at once."""
     walk.make_safe()
     before, begin = walk.counts(), walk.t_s
-    _power_on(walk)
+    _power_on(walk, "the brakes open for an instant")
     took_s = walk.t_s - begin
     walk.make_safe()
     if not walk.wait(0.5, lambda: not walk.status & STATUS_POWER):
@@ -127,7 +128,7 @@ def _reversed_torque(walk: Walk, joint: int) -> str:
 def _pushed(walk: Walk, joint: int, side: int, harder: float = 1.0) -> int:
     """Counts joint `joint` moved in a push to one side, `harder` times the usual; power is on only for that."""
     walk.make_safe()
-    _power_on(walk)
+    _power_on(walk, f"the brakes open, and joint {joint + 1} is pushed")
     walk.wait(RELEASE_S)
     before = walk.counts()
     walk.write((DAC + 2 * joint, DAC_ZERO + side * _push_steps(walk.robot, joint, harder)))
@@ -146,8 +147,12 @@ def _push_steps(robot: Robot, joint: int, harder: float) -> int:
     return round(DAC_ZERO * float(np.clip(share, *PUSH_SHARES)))
 
 
-def _power_on(walk: Walk) -> None:
+def _power_on(walk: Walk, then: str) -> None:
+    """Arm power; where it needs somebody at its button, they are told what comes `then`."""
     walk.write((DISCRETE, walk.kept | DISCRETE_POWER))
+    if walk.wait(ALONE_S, lambda: bool(walk.status & STATUS_POWER)):
+        return
+    walk.tell(f"press ARM POWER now: at once {then}")
     if not walk.wait(POWER_S, lambda: bool(walk.status & STATUS_POWER)):
         walk.make_safe()
         raise StepError(f"no arm power within {POWER_S:.0f} s", "press ARM POWER when the walk asks for it")

@@ -30,6 +30,7 @@ from qrobot.hwif.registers import (
     STATUS,
 )
 from qrobot.model.transmission import signed_word
+from qrobot.report import Report
 
 SCRATCH: Final = DISCRETE_CALIBRATED | DISCRETE_J6_OVERFLOW
 IMAGES_AT_MOST: Final = 1_000_000
@@ -62,13 +63,21 @@ class Walk:
         robot: what is expected behind it.
         ask: puts a question to the operator; False leaves something out.
         drives: mode of the separate drives that stand in for the board, if they do.
+        tell: takes a line for the operator, who is to do something at once.
 
     Attributes:
         ways_seen: joints that somebody has seen to count the way they go.
     """
 
-    def __init__(self, bus: Bus, robot: Robot, ask: Confirm, drives: DriveMode | None = None) -> None:
-        self.bus, self.robot, self.ask, self.drives = bus, robot, ask, drives
+    def __init__(
+        self,
+        bus: Bus,
+        robot: Robot,
+        ask: Confirm,
+        drives: DriveMode | None = None,
+        tell: Report = lambda _line: None,
+    ) -> None:
+        self.bus, self.robot, self.ask, self.drives, self.tell = bus, robot, ask, drives, tell
         self.facts = BoardFacts("F", robot.n)
         self.ways_seen: set[int] = set()
         self._image = make_image()

@@ -247,6 +247,28 @@ def test_a_joint_that_a_push_moves_too_little_to_be_seen_is_pushed_once_more_twi
     assert float(far[0]) > 0.1
 
 
+def test_who_stands_at_the_button_for_arm_power_is_told_each_time_what_comes_then() -> None:
+    desk, told = Desk(options=BoardOptions(auto_panel=False)), list[str]()
+
+    def press(line: str) -> None:
+        told.append(line)
+        desk.end.memory.panel.presses += 1
+
+    desk.walk.tell = press
+    assert all(finding.ok is not False for finding in desk.check())
+    pushes = [f"press ARM POWER now: at once the brakes open, and joint {k // 2 + 1} is pushed" for k in range(12)]
+    assert told == ["press ARM POWER now: at once the brakes open for an instant", *pushes]
+
+
+def test_nobody_is_told_to_press_where_arm_power_comes_by_itself_and_its_want_is_told() -> None:
+    desk, told = Desk(), list[str]()
+    desk.walk.tell = told.append
+    assert all(finding.ok is not False for finding in desk.check())
+    assert told == []
+    desk = Desk(options=BoardOptions(auto_panel=False))
+    assert desk.check()[-1].detail == "no arm power within 10 s"
+
+
 def test_a_joint_whose_encoder_may_be_dead_is_not_pushed_harder() -> None:
     desk = Desk()
     desk.spoil = lambda image: image.__setitem__(IMAGE_ENC_COUNT, 5)
