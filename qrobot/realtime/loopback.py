@@ -12,6 +12,7 @@ from typing import Final
 TABLES: Final = (Path("/proc/net/tcp"), Path("/proc/net/tcp6"))
 _LOCAL, _REMOTE, _STATE, _ACCOUNT, _INODE = 1, 2, 3, 7, 9  # columns, proc(5)
 _ESTABLISHED: Final = "01"
+_LOOKS: Final = 3  # [A] the kernel's table may leave out a line while others of it go
 
 PeerAddress = tuple[IPv4Address | IPv6Address, int]
 
@@ -42,7 +43,11 @@ def maybe_account_between(theirs: tuple[str, int], ours: tuple[str, int]) -> int
         wanted = (_plain(theirs[0]), theirs[1]), (_plain(ours[0]), ours[1])
     except ValueError:
         return None
-    return next((account for local, remote, account in _connections() if (local, remote) == wanted), None)
+    for _ in range(_LOOKS):
+        for local, remote, account in _connections():
+            if (local, remote) == wanted:
+                return account
+    return None
 
 
 def _connections() -> Iterator[tuple[PeerAddress, PeerAddress, int]]:

@@ -91,7 +91,8 @@ class Relay:
             while data := source.recv(4096):
                 if not self.cut:
                     sink.sendall(change(data))
-            if not self.cut:
+        if not self.cut:  # a reset is an end, too: a server closes what was idle for long as another request comes
+            with suppress(OSError):
                 sink.shutdown(socket.SHUT_RDWR)
 
 
