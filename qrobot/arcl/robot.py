@@ -293,7 +293,10 @@ class ArclRobot(PathCalls, LineCalls):
                     self._motions.stop(0.0)
 
     def abandon(self, power_off: bool = False) -> None:
-        """Stop, and let go of the arm; what waits is not done. Does nothing after `close`. Raises what that raises."""
+        """Stop, and let go of the arm; what waits is not done. Does nothing after `close`.
+
+        Raises MotionError, and nothing happens, where a function calls it that is itself called at a sample.
+        """
         if self._closed:
             return
         refuse_at_samples()

@@ -37,6 +37,7 @@ TRANSPORTS = (
 )  # kinds of boards that are not emulated here; each has a table of its name
 EXCHANGES_TO_MISS = 2  # before a servo may take the board behind a gateway for gone
 GUARDIAN_TIMEOUT_MS = 5.0  # as hostmot2's watchdog; 120 s of soak on a loaded PC showed 3.2 ms at worst
+SLOWEST_SERVO_HZ = 100
 LEAST_GB, MOST_GB = 0.01, 1e6  # [A] of all logs of an arm
 CYCLES_TO_MISS = 2  # from one heartbeat on, before a guardian may take the servo for silent: a cycle may come late
 Millimetres = Annotated[float, Field(ge=-2000, le=2000, allow_inf_nan=False)]
@@ -243,7 +244,7 @@ class ServoChoice(Table):
     `force_sensor` makes the force and torque at the wrist of them, which programs and logs see.
     """
 
-    rate_hz: int = Field(default=1000, ge=100, le=10_000)
+    rate_hz: int = Field(default=1000, ge=SLOWEST_SERVO_HZ, le=10_000)
     law: str = "qrobot"
     law_settings: dict[str, float] = Field(default={}, strict=False)
     model: str | None = None

@@ -151,9 +151,7 @@ def write_film(
 def _raise_end_of_ffmpeg(error: subprocess.CalledProcessError, path: Path, before: BaseException | None) -> NoReturn:
     """Raise what has ended the drawing, Ctrl-C say, which ffmpeg hears too; LogError where ffmpeg itself has failed."""
     ended = error.__context__
-    if (
-        ended is not None and ended is not before and not isinstance(ended, OSError)
-    ):  # a broken pipe comes of ffmpeg's end
+    if not (ended is None or ended is before or isinstance(ended, OSError)):  # a broken pipe comes of ffmpeg's end
         raise ended
     told = [*str(error.stderr).strip().splitlines(), f"status {error.returncode}"]
     raise LogError(f"cannot write {path}: ffmpeg: {told[0]}") from None

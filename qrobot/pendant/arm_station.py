@@ -315,8 +315,3 @@ def close_all(arms: Sequence[ArmStation]) -> None:
         arm.procedures.end()
     for arm in arms:
         arm.close()
-
-
-def monotonic() -> float:
-    """The clock of leases, s."""
-    return time.monotonic()

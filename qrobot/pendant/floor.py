@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import json
 import logging
+import time
 from collections import deque
 from collections.abc import Callable
 from contextlib import ExitStack
 from typing import Any, Final
 
 from qrobot.errors import MotionError
-from qrobot.pendant.arm_station import HELD_LATE_S, ArmStation, monotonic
+from qrobot.pendant.arm_station import HELD_LATE_S, ArmStation
 from qrobot.pendant.board_messages import PageBoardForce, PageBoardInject, PageBoardRepair
 from qrobot.pendant.frames import state_frame, vocabulary
 from qrobot.pendant.load_messages import PageCollision, PageLoad
@@ -87,7 +88,7 @@ class DriveFloor:
         arms: by number; filled once by whoever builds the pendant.
     """
 
-    def __init__(self, clock: Callable[[], float] = monotonic) -> None:
+    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         self.arms: list[ArmStation] = []
         self._clock = clock
         self._pages: dict[int, PageView] = {}

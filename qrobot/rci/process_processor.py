@@ -11,7 +11,7 @@ from typing import Any, Final
 
 from qrobot.errors import ConfigError, LinkLost, RogueTask
 from qrobot.rci.descriptor import TaskDescriptor, TaskState, TaskWord
-from qrobot.rci.forked_child import NO_PART, keep_from_children
+from qrobot.rci.forked_child import keep_from_children
 from qrobot.rci.host_thread import PATIENCE_S, lateness, nothing_left, refuse_start
 from qrobot.rci.process_main import run_processor
 from qrobot.rci.processor_image import ProcessorImage
@@ -50,7 +50,7 @@ class ProcessProcessor:
         """See `Owned`: the process is the parent's, and `multiprocessing` would end it with this one."""
         if self._process is not None:
             vars(multiprocessing.process)["_children"].discard(self._process)
-            self._process, self._dead = None, NO_PART
+            self._process = None
             self._orders.close()
             self._events.close()
 

@@ -6,9 +6,9 @@ import os
 
 
 def end_of_process(pid: int) -> tuple[int, ...]:
-    """A descriptor that can be read once a process has ended.
+    """A descriptor that can be read once a process has ended, beside others that are waited for.
 
-    None where that cannot be told: its number is of a name space of its own, or the kernel has no such descriptors.
+    There is none where that cannot be told: its number is of a name space of its own, or the kernel is too old.
     """
     try:
         return (os.pidfd_open(pid),)

@@ -9,6 +9,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from qrobot.config import Robot
+from qrobot.config.deployment import SLOWEST_SERVO_HZ
 from qrobot.errors import ConfigError
 from qrobot.model.dynamics import DynamicsParams, dynamics_params, with_payload
 from qrobot.servo.checks.momentum_observer import STALE
@@ -19,7 +20,6 @@ from qrobot.units import NS_PER_S
 
 PACE_PER_S: Final = 200.0  # of the momentum observer: 5 ms, about what the velocity's low pass takes
 FASTEST_SHARE: Final = 0.5  # of a deviation the observer may take back in one cycle; slow servos have a slower one
-LOWEST_HZ: Final = 100  # that a deployment file takes
 MOST_UNSEEN: Final = STALE / 1.15  # of its time constants between two exchanges: they are not even [A]
 # Friction as commanded torque, over the Coulomb friction of the robot file, where that is a third too low, sticks by a
 # factor of 1.3 and the motor gives a fifth too little [A]: at break-away, and beyond that of the sliding joint.
@@ -126,7 +126,7 @@ def check_exchanges(settings: ServoSettings) -> None:
     if settings.position_drives or settings.exchange_ms <= longest_ms:
         return
     highest_hz = math.floor(1e3 * MOST_UNSEEN / (FASTEST_SHARE * settings.exchange_ms))
-    lower = f"lower rate_hz to {highest_hz} at most, or " if highest_hz >= LOWEST_HZ else ""
+    lower = f"lower rate_hz to {highest_hz} at most, or " if highest_hz >= SLOWEST_SERVO_HZ else ""
     raise ConfigError(
         f"a servo of {settings.rate_hz:g} Hz would notice no collision and no dead encoder behind a board that is "
         f"asked every {settings.exchange_ms:g} ms: {lower}ask the board every "

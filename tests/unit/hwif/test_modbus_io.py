@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from math import nan
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -111,6 +112,30 @@ def test_what_is_old_or_was_never_seen_reads_as_safe(table: Table) -> None:
     table.board.status = 1 << 15
     table.module.poll()
     assert table.module.bits(table.clock() + AGE_NS) == 0b10000
+
+
+class Polls:
+    """A stop that comes after three polls, and notes the waits between them, ms."""
+
+    def __init__(self) -> None:
+        self.waits: list[float] = []
+
+    def is_set(self) -> bool:
+        return len(self.waits) == 3
+
+    def wait(self, seconds: float) -> None:
+        self.waits.append(1e3 * seconds)
+
+
+@pytest.mark.parametrize(("takes_ms", "left_ms"), [(0.0, 1.0), (0.4, 0.6), (1.0, 0.0), (5.0, 0.0)])
+def test_a_module_is_asked_once_a_period_whatever_its_answers_take(
+    table: Table, takes_ms: float, left_ms: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A value counts from when it was asked for, and has to until there is a newer one."""
+    monkeypatch.setattr(table.module, "poll", lambda: table.clock.pass_ms(takes_ms))
+    stop: Any = Polls()
+    table.module.run(stop)
+    assert stop.waits == pytest.approx([left_ms] * 3)
 
 
 def test_an_analogue_input_is_a_signed_register_in_volts_and_has_no_value_when_it_is_old(table: Table) -> None:

@@ -110,6 +110,18 @@ def test_a_bad_end_of_the_program_lets_tasks_begin_to_rest_on_all_processors_but
     stop_all()  # of a program that is closed there is nothing left to stop
 
 
+def test_a_control_function_cannot_end_the_program() -> None:
+    """It would wait for its own end."""
+    with virtual_program():
+        td = rci.rci_create("ender", None)
+        rci.rci_control(td, lambda _: rci.rci_close())
+        rci.rci_onclock(td, 1)
+        rci.rci_start(td.bit)
+        with pytest.raises(ConfigError, match="rci_close: a control function must not wait for its own end"):
+            pass_ticks(3)
+        assert td.state is TaskState.ENDED
+
+
 @contextmanager
 def two_arms() -> Iterator[list[FakeRobot]]:
     """Arms with power, each of which follows a task on a processor of its own, `PLACES`."""
