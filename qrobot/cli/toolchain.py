@@ -61,13 +61,17 @@ _NO_CODE: Final = re.compile(r'/\*.*?\*/|//[^\n]*|"(?:\\.|[^"\\\n])*"', re.DOTAL
 _OF_MANIPULATORS: Final = re.compile(r"\b(?:MANIP(?:_PTR)?|rccl_open|makePosition(?:For)?|trackingMode)\b")
 """Words that only programs of Multi-RCCL have."""
 _INSTRUMENTATION: Final = ("-fsanitize", "-m")
+_OTHER_LAYOUT: Final = frozenset(("-m32", "-mx32", "-m16", "-mabi=ilp32", "-fpack-struct"))
+"""Options by which structures lie otherwise than the motion engine reads them; the headers find the others."""
 _SANITIZED: Final = ("-O1", "-fno-omit-frame-pointer")  # gcc 12 took 14 s with -O2 and 5 s with -O1 (2026-11-29)
 _NO_LINKING: Final = frozenset(("-c", "-S", "-E", "-M", "-MM", "-fsyntax-only", "--version", "-dumpversion"))
 
 
 def compiler() -> list[str]:
-    """The C compiler's command: that of the variable CC, or cc. Raises ConfigError: there is none."""
+    """The C compiler's command: that of the variable CC, or cc. Raises ConfigError: there is none, or for another
+    layout."""
     command = shlex.split(os.environ.get("CC", "cc"))
+    _check_layout(command)
     if not command or shutil.which(command[0]) is None:
         name = command[0] if command else "''"
         raise ConfigError(
@@ -75,6 +79,15 @@ def compiler() -> list[str]:
             "or name yours in the variable CC"
         )
     return command
+
+
+def _check_layout(words: Sequence[str]) -> None:
+    for word in words:
+        if word in _OTHER_LAYOUT:
+            raise ConfigError(
+                f"{word}: the motion engine reads structures of a program as a compiler lays them out for 64 bits; "
+                f"leave {word} out"
+            )
 
 
 def has_manipulators(arguments: Sequence[str]) -> bool:
@@ -123,8 +136,10 @@ def command_line(arguments: Sequence[str], robots: Sequence[Path] = (), release:
         release: of RCCL.
 
     Raises:
-        ConfigError: no compiler, no library, or a mistake in a robot file.
+        ConfigError: no compiler, no library, a mistake in a robot file, or structures that would lie otherwise than the
+            motion engine reads them.
     """
+    _check_layout(arguments)
     linked = [] if _NO_LINKING & set(arguments) else link_flags(arguments, robots)
     return [*compiler(), *compile_flags(arguments, release), *arguments, *linked]
 

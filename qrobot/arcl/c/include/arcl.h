@@ -10,9 +10,17 @@
 #ifdef __cplusplus
 extern "C" {
 #define ARCL_ANY ...
+#define ARCL_ASSERT static_assert
 #else
 #define ARCL_ANY /* any arguments */
+#define ARCL_ASSERT __extension__ _Static_assert
 #endif
+
+/* The motion engine and the library have to find a field where the program has it. */
+#define ARCL_LAYOUT(type, field, place)                                                                             \
+    ARCL_ASSERT(offsetof(type, field) == (place),                                                                   \
+                "structures lie otherwise here than the motion engine reads them: compile for 64 bits, without "    \
+                "options that change layouts, such as -m32 or -fpack-struct")
 
 /* --------------------------------------------------------------------------------------------- types of Table 1 */
 
@@ -29,6 +37,7 @@ typedef struct arcl_trans {
     char *name;
     Vector t_n, t_o, t_a, t_p; /* three axes, and a position in mm */
 } Trans;
+ARCL_LAYOUT(Trans, t_n, 8);
 
 typedef struct arcl_robot {
     char *name;
@@ -44,6 +53,8 @@ typedef struct arcl_motion {
     double t0;         /* when it was taken out of the queue, ms */
     volatile int code; /* how it ended: 0 as long as it has not, EVENT_DONE, EVENT_STOP, or the event of its error */
 } Motion;
+ARCL_LAYOUT(Motion, t0, 8);
+ARCL_LAYOUT(Motion, code, 16);
 
 typedef struct arcl_iod {
     char *name;
@@ -82,6 +93,7 @@ typedef struct arcl_feedback {
     double n;     /* joints */
     double joints[ARCL_JOINTS_MAX], rates[ARCL_JOINTS_MAX], setpoint[ARCL_JOINTS_MAX], torque[ARCL_JOINTS_MAX];
 } Feedback;
+ARCL_LAYOUT(Feedback, joints, 24);
 
 /* ----------------------------------------------------------------------------------------------------- numbers */
 
@@ -151,6 +163,7 @@ typedef struct arcl_value {
     double number;
     const void *pointer;
 } arcl_value;
+ARCL_LAYOUT(arcl_value, pointer, 16);
 
 arcl_value arcl_integer(long long number);
 arcl_value arcl_real(double number);
@@ -268,6 +281,13 @@ inline arcl_value value(const ROBOT *x) { return arcl_object(x); }
 inline arcl_value value(const arcl_value &x) { return x; }
 template <class... A> arcl_value value(int (*x)(A...)) { return arcl_answering((int (*)(ARCL_ANY)) x); }
 template <class... A> arcl_value value(void (*x)(A...)) { return arcl_silent((void (*)(ARCL_ANY)) x); }
+
+/* The numbers of arcl_joints, which a list has to itself: an arcl_value would lead to an array that is gone. */
+template <int n> struct joints {
+    double numbers[n ? n : 1];
+};
+template <int n> arcl_value value(const joints<n> &x) { return arcl_joints_value(n, x.numbers); }
+
 template <class R, class... A> R call(R (*list)(int, const arcl_value *), A... given)
 {
     const arcl_value values[] = {value(given)..., arcl_integer(0)}; /* never empty */
@@ -289,11 +309,7 @@ template <class... A> Pos *robot_pos(ROBOT *rp, A... a) { return arcl_lists::cal
 template <class... A> void arcl_wait(ROBOT *rp, A... a) { arcl_lists::call(arcl_list_wait, rp, a...); }
 template <class... A> double ami_treal(A... a) { return arcl_lists::call(arcl_list_treal, a...); }
 inline int teach(ROBOT *rp, int (*function)(Trans *, ROBOT *)) { return arcl_teach(rp, function); }
-template <class... A> arcl_value arcl_joints(A... a)
-{
-    const double numbers[] = {(double) a...};
-    return arcl_joints_value((int) sizeof...(a), numbers);
-}
+template <class... A> arcl_lists::joints<(int) sizeof...(A)> arcl_joints(A... a) { return {{(double) a...}}; }
 
 #else
 

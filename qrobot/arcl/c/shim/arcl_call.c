@@ -14,6 +14,8 @@ struct cell {
     char text[SHIM_TEXT];
     Feedback feedback;
 };
+ARCL_LAYOUT(struct cell, time, 40);
+ARCL_LAYOUT(struct cell, feedback, 304);
 
 enum form { OF_TRANSFORM = 1, OF_EVENT, OF_END, OF_FEEDBACK, OF_ERROR, OF_PREDICATE, OF_PLACE };
 

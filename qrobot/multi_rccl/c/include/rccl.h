@@ -27,6 +27,9 @@ typedef struct manip {
     real j6[RCCL_JOINTS];     /* joint positions as they are sent, degrees (mm on a sliding joint) */
     double force[6];          /* wrist sensor, N and N m, in its frame; NaN where it is not known */
 } MANIP, *MANIP_PTR;
+RCCL_LAYOUT(MANIP, trans, 40);
+RCCL_LAYOUT(MANIP, j6, 112);
+RCCL_LAYOUT(MANIP, force, 240);
 
 /* The calls have the names of RCCL 1.0, but are other functions. Where a call may be left without some of its arguments it
  * is a macro, and may be declared as a function all the same: `int stop();`. */

@@ -110,6 +110,8 @@ struct rccl_how {
     double q[RCCL_JOINTS], v[RCCL_JOINTS], tau[RCCL_JOINTS], q_setpoint[RCCL_JOINTS];
     double force[6]; /* wrist sensor, N and N m, in its frame; NaN where it is not known */
 };
+RCCL_LAYOUT(struct rccl_how, time, 32);
+RCCL_LAYOUT(struct rccl_how, force, 1064);
 
 /* What the next command says. Hand and outputs are the program's at any time; the joints are those of the motions, anew at
  * each sample, unless a function given to control changes them then. */
@@ -119,6 +121,7 @@ struct rccl_chg {
     int modes[RCCL_JOINTS]; /* 0 hold, 1 position, 2 torque */
     double setpoints[RCCL_JOINTS];
 };
+RCCL_LAYOUT(struct rccl_chg, setpoints, 136);
 
 extern volatile struct rccl_how how;
 extern volatile struct rccl_chg chg;

@@ -13,6 +13,17 @@ typedef int bool;
 typedef float real;
 typedef int event;
 
+/* The motion engine and the library have to find a field where the program has it. */
+#ifdef __cplusplus
+#define RCCL_LAYOUT(type, field, place)
+#else
+#define RCCL_LAYOUT(type, field, place)                                                               \
+    __extension__ _Static_assert(__builtin_offsetof(type, field) == (place),                          \
+                                 "structures lie otherwise here than the motion engine reads them: "  \
+                                 "compile for 64 bits, without options that change layouts, such as " \
+                                 "-m32 or -fpack-struct")
+#endif
+
 #define YES 1
 #define NO 0
 
@@ -28,6 +39,7 @@ typedef struct transform {
     int kind;
     VECT n, o, a, p; /* three axes, and a position in mm */
 } TRSF, *TRSF_PTR;
+RCCL_LAYOUT(TRSF, n, 20);
 
 /* What is a macro here was a function, and may be declared as one: `TRSF_PTR newtrans();` declares, and does nothing else.
  * RCCL_CALL(f, g, ...) is f where there are arguments, and g where there are none. */
@@ -91,6 +103,7 @@ typedef struct position {
     volatile float scal; /* 0 from `move` on, grows to 1 during the motion */
     volatile event end;  /* signalled at the end of each motion */
 } POS, *POS_PTR;
+RCCL_LAYOUT(POS, end, 16);
 
 #define EQ ((TRSF_PTR) 1)
 #define TL ((TRSF_PTR) 2)

@@ -124,6 +124,7 @@ struct message {
     double numbers[SHIM_NUMBERS];
     char text[SHIM_TEXT];
 };
+_Static_assert(sizeof(struct message) == 968, "message.py says so");
 
 /* Calls of functions and their answers are short: op, number of the call and one reference. */
 #define SHIM_BRIEF (offsetof(struct message, refs) + sizeof(int64_t))
