@@ -232,16 +232,22 @@ static inline void trc004_look(struct trc004 *board, int64_t since_ns)
     board->lost = now - board->seen_ns > TRC004_TIMEOUT_NS || now - since_ns > TRC004_TIMEOUT_NS;
 }
 
+/* Let the board have what was held back. */
+static inline void trc004_hand_over(struct trc004 *board)
+{
+    if (board->held == 0)
+        return;
+    trc004_store(board, TRC004_LANE, board->words[TRC004_LANE] + board->held);
+    board->held = 0;
+}
+
 /* Bring the newest image; after operations, one that shows what they did: they are taken, and shown two images later,
  * since the image being made while they are taken may lack them. */
 static inline void trc004_settle(struct trc004 *board)
 {
     int64_t since = trc004_now_ns(), head, shown;
 
-    if (board->held) {
-        trc004_store(board, TRC004_LANE, board->words[TRC004_LANE] + board->held);
-        board->held = 0;
-    }
+    trc004_hand_over(board);
     head = board->words[TRC004_LANE];
     trc004_look(board, since);
     if (!board->pending)
@@ -258,13 +264,15 @@ static inline void trc004_settle(struct trc004 *board)
     board->pending = board->lost;
 }
 
-/* Post an operation. `hold`: let the board have it together with the next one. A full lane is waited for. That of a
+/* Post an operation. `hold`: let the board have it together with the next one, unless the lane is full of those that
+ * are held. A full lane is waited for. That of a
  * board which is lost loses its older half, so that the newest is there when the board goes on: zero torque, power off. */
 static inline void trc004_post(struct trc004 *board, int kind, int offset, int value, int hold)
 {
     int64_t since = trc004_now_ns(), head, slot;
 
     while (trc004_full(board)) {
+        trc004_hand_over(board); /* or there would be nothing to take */
         trc004_look(board, since);
         if (board->lost)
             trc004_store(board, TRC004_LANE + TRC004_LANE_FORGET,

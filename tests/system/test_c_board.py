@@ -38,7 +38,7 @@ from qrobot.realtime.structure import WORD_BYTES, offset_of
 from qrobot.sim_board.board import BoardOptions
 from qrobot.sim_board.emulator import Emulator
 from qrobot.sim_board.server import EmulatedBoardServer
-from tests.support.patience import wait_until
+from tests.support.patience import PATIENCE_S, wait_until
 from tests.support.stall_watch import ANY_TIME_S, StreamLostError, unless_stalled
 
 SOURCES = Path(__file__).parents[2] / "examples" / "c"
@@ -244,6 +244,32 @@ def test_a_thousand_writes_without_a_read_are_all_taken(tmp_path: Path, arm: str
     assert subprocess.run([target, arm], check=False).returncode == 0
     assert len(read_trace(server.segment.memory)) == 3001
     assert server.emulator.bundle.board.dac[7] == DAC_ZERO
+
+
+@needs_compiler
+@pytest.mark.realtime
+def test_conversions_that_are_started_without_anything_between_do_not_fill_the_lane_for_good(
+    tmp_path: Path, arm: str, server: EmulatedBoardServer
+) -> None:
+    source = tmp_path / "starts.c"
+    source.write_text(
+        f"""#include "trc004.h"
+        int main(int argc, char **argv)
+        {{
+            struct trc004 board;
+            if (argc != 2 || trc004_open(&board, argv[1]) != 0)
+                return 2;
+            for (int i = 0; i < {2 * LANE_CAPACITY + 1}; i++)
+                trc004_inb(&board, TRC004_ADC_START);
+            trc004_outw(&board, TRC004_DAC + 14, 0x801);
+            trc004_inw(&board, TRC004_STATUS);
+            return board.lost;
+        }}"""
+    )
+    target = tmp_path / "starts"
+    subprocess.run([COMPILER, "-D_GNU_SOURCE", "-I", SOURCES, "-I", INCLUDE, "-o", target, source], check=True)
+    assert subprocess.run([target, arm], check=False, timeout=PATIENCE_S).returncode == 0
+    assert server.emulator.bundle.board.dac[7] == 0x801
 
 
 WAY_OUT = [*((DAC + 2 * channel, DAC_ZERO) for channel in range(8)), (DISCRETE, DISCRETE_CALIBRATED)]
