@@ -173,6 +173,7 @@ int main(int argc, char **argv)
     case 22: move(); break;
     case 23: named_iod(rp, "presure"); break;
     case 24: iod_read(named_iod(rp, "pressure")); break;
+    case 26: new_trans_tr("a\\037b", 0, 0, 0); break;
     case 25: arcl_free(move(rp, p, 0)); break;
     }
     return 0;
@@ -204,6 +205,7 @@ TOLD = {
     "w": "move: 0 values; from 2",
     "x": "puma560 has no signal 'presure'; it has lamps, power, pressure",
     "y": "pressure is an analogue channel, in bar: iod_value reads it",
+    "{": "a text has the character 31 in it",
     "z": "arcl_free: the memory of a motion stays ARCL's",
 }
 

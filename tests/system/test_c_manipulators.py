@@ -301,6 +301,7 @@ MISTAKES = {
     "no position": ("POS p; begin(); move(left, &p)", "move: this is no position of makeposition or jposition"),
     "a null position": ("begin(); move(left, NULL)", "move: a position is needed, and a null pointer was given"),
     "not taken": ('left = rccl_open("left"); move(left, there)', "left is not under control; call rccl_control first"),
+    "a line break": ('rccl_open("left\\nstanford")', "rccl_open: a name, a robot or a bridge has a line break in it"),
     "twice": ('rccl_open("left"); rccl_open("left")', "rccl_open: left is open already"),
     "no robot": ('rccl_open("left", "r2d2")', "r2d2"),
     "no bridge": ('rccl_open("left", "puma560", "nowhere:at all")', "nowhere:at all"),

@@ -141,6 +141,8 @@ static void put_text(struct packing *p, const char *text)
     size_t size = strlen(text);
     if (p->text + size + 1 >= SHIM_TEXT)
         too_much(p, "longer texts, or more values,");
+    if (strchr(text, SEPARATOR))
+        shim_die("a text has the character 31 in it, which stands between the texts of a message");
     p->m->text[p->text++] = SEPARATOR;
     memcpy(p->m->text + p->text, text, size);
     p->text += size;

@@ -36,5 +36,7 @@ arcl_value arcl_numbers(enum kind kind, const void *numbers);
 
 /* A new object that begins with its name. */
 void *arcl_named(const char *name);
+/* What arcl_free does: that is weak, as all functions of arcl.h are, and may be the program's own. */
+void arcl_give_back(void *object);
 
 #endif

@@ -126,7 +126,7 @@ API int arcl_teach(ROBOT *rp, int (*function)(Trans *, ROBOT *))
 {
     Trans *t = arcl_named("T6");
     int presses = (int) arcl_call("teach", t, LIST(arcl_object(rp), arcl_answering((int (*)()) function))).numbers[0];
-    arcl_free(t);
+    arcl_give_back(t);
     return presses;
 }
 

@@ -208,7 +208,7 @@ API Pos *arcl_list_robot_pos(int count, const arcl_value *values)
     return made_position("robot_pos", count, values);
 }
 
-API void arcl_free(void *p)
+void arcl_give_back(void *p)
 {
     if (!p)
         return;
@@ -217,6 +217,11 @@ API void arcl_free(void *p)
         shim_die("arcl_free: a pointer leads to no object that ARCL has made, or to one that was freed");
     arcl_call("arcl_free", p, 0, NULL);
     shim_free(p);
+}
+
+API void arcl_free(void *p)
+{
+    arcl_give_back(p);
 }
 
 /* ------------------------------------------------------------------------------------------- lines and semaphores */

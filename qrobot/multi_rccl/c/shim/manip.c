@@ -62,6 +62,8 @@ API MANIP_PTR rccl_manip_open(char **words)
         size_t size = strlen(words[m.n]) + 1;
         if (length + size > SHIM_TEXT)
             shim_die("rccl_open: a name, a robot and a bridge of more letters than fit");
+        if (strchr(words[m.n], '\n')) /* which stands between them in the message */
+            shim_die("rccl_open: a name, a robot or a bridge has a line break in it");
         memcpy(m.text + length, words[m.n], size);
         m.text[length + size - 1] = '\n';
         length += size;
@@ -247,10 +249,13 @@ API int rccl_manip_retract(MANIP_PTR m, double mm)
 API int rccl_manip_collision(MANIP_PTR m, char *reaction, double mm, double *thresholds)
 {
     struct message message = call_of(OP_COLLISION, m, "rccl_collision", shim_need(reaction, "rccl_collision", "a reaction"));
-    message.n = thresholds ? m->n : 0;
+    int n = m->n;
+    if (n < 0 || n > RCCL_JOINTS)
+        shim_die("rccl_collision: n of a manipulator is no number of joints any more: the program has written to it");
+    message.n = thresholds ? n : 0;
     message.numbers[0] = mm;
     if (thresholds)
-        memcpy(message.numbers + 1, thresholds, (size_t) m->n * sizeof *thresholds);
+        memcpy(message.numbers + 1, thresholds, (size_t) n * sizeof *thresholds);
     shim_call(&message);
     return YES;
 }

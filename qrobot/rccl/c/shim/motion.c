@@ -12,35 +12,50 @@ static int ask(enum op op, const char *text, double first, double second)
     return YES;
 }
 
-API int rccl_control(int (**functions)())
+static int control_with(int (*first)(), int (*second)())
 {
     struct message m = shim_message(OP_CONTROL, "");
-    m.refs[0] = (intptr_t) functions[0];
-    m.refs[1] = (intptr_t) functions[1];
+    m.refs[0] = (intptr_t) first;
+    m.refs[1] = (intptr_t) second;
     shim_call(&m);
     return YES;
 }
 
-API int (control)(void)
+int shim_control(void)
 {
-    return rccl_control((int (*[2])()) {NULL, NULL});
+    return control_with(NULL, NULL);
 }
 
-API int rccl_release(char **said)
+API int rccl_control(int (**functions)())
+{
+    return control_with(functions[0], functions[1]);
+}
+
+API int (control)(void)
+{
+    return shim_control();
+}
+
+static int release_saying(const char *said)
 {
     struct message m = shim_message(OP_RELEASE, "");
     shim_call(&m);
-    if (said[0])
-        printf("%s\n", said[0]);
+    if (said)
+        printf("%s\n", said);
     fflush(stdout);
     shim_say("release", m.text);
     shim_say_mess();
     return YES;
 }
 
+API int rccl_release(char **said)
+{
+    return release_saying(said[0]);
+}
+
 API int (release)(void)
 {
-    return rccl_release((char *[1]) {NULL});
+    return release_saying(NULL);
 }
 
 API int move(POS_PTR p)
@@ -168,15 +183,25 @@ API int rccl_retract(double mm)
     return ask(OP_RETRACT, "", mm, 0);
 }
 
+/* Of the arm, which is taken for that if need be. A program may have written to `how`. */
+static int joints(void)
+{
+    if (!how.n)
+        shim_control();
+    int n = how.n;
+    if (n < 0 || n > RCCL_JOINTS)
+        shim_die("how.n is no number of joints any more: the program has written to how, which is for reading");
+    return n;
+}
+
 API int rccl_collision(char *reaction, double mm, double *thresholds)
 {
     struct message m = shim_message(OP_COLLISION, shim_need(reaction, "rccl_collision", "a reaction"));
-    if (!how.n)
-        control();
-    m.n = thresholds ? how.n : 0;
+    int n = joints();
+    m.n = thresholds ? n : 0;
     m.numbers[0] = mm;
     if (thresholds)
-        memcpy(m.numbers + 1, thresholds, (size_t) how.n * sizeof *thresholds);
+        memcpy(m.numbers + 1, thresholds, (size_t) n * sizeof *thresholds);
     shim_call(&m);
     return YES;
 }
@@ -248,9 +273,8 @@ API int enctoang(real *angles, int *counts)
     struct message m = shim_message(OP_ENCTOANG, "");
     shim_need(angles, "enctoang", "an array for the result");
     shim_need(counts, "enctoang", "an array");
-    if (!how.n)
-        control();
-    for (int j = 0; j < how.n; j++)
+    int n = joints();
+    for (int j = 0; j < n; j++)
         m.numbers[j] = counts[j];
     shim_call(&m);
     for (int j = 0; j < m.n; j++)
@@ -263,12 +287,14 @@ API int angtoenc(int *counts, real *angles)
     struct message m = shim_message(OP_ANGTOENC, "");
     shim_need(counts, "angtoenc", "an array for the result");
     shim_need(angles, "angtoenc", "an array");
-    if (!how.n)
-        control();
-    for (int j = 0; j < how.n; j++)
+    int n = joints();
+    for (int j = 0; j < n; j++)
         m.numbers[j] = angles[j];
     shim_call(&m);
-    for (int j = 0; j < m.n; j++)
+    for (int j = 0; j < m.n; j++) {
+        if (!(m.numbers[j] > -2147483649. && m.numbers[j] < 2147483648.))
+            shim_die("angtoenc: an angle is no number, or its counts are more than fit into an int");
         counts[j] = (int) m.numbers[j];
+    }
     return YES;
 }

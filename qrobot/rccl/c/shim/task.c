@@ -6,7 +6,7 @@ int pumatask();
 /* The motions that it leaves are done at exit, as those of any program. */
 int main(void)
 {
-    control();
+    shim_control();
     pumatask();
     return 0;
 }

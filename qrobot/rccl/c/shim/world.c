@@ -11,7 +11,7 @@ enum { FUNCTION = 0, MOST_KINDS = 3 };
 enum { WORDS = 4 }; /* EQ, TL and TRANS are 1, 2 and 3 */
 
 /* `word` is what the program has written: the cast of newtrans makes 0 of const. */
-API TRSF_PTR rccl_newtrans(char *name, int (*kind)(), char *word)
+static TRSF_PTR new_transform(char *name, int (*kind)(), const char *word)
 {
     struct message m = shim_message(OP_NEWTRANS, name);
     if (!strcmp(word, "const"))
@@ -26,6 +26,11 @@ API TRSF_PTR rccl_newtrans(char *name, int (*kind)(), char *word)
     m.refs[0] = shim_ref(t);
     shim_call(&m);
     return t;
+}
+
+API TRSF_PTR rccl_newtrans(char *name, int (*kind)(), char *word)
+{
+    return new_transform(name, kind, word);
 }
 
 API int freetrans(TRSF_PTR t)
@@ -68,7 +73,7 @@ static TRSF_PTR make(TRSF_PTR t, const char *how, int count, const double *value
 }
 
 #define MAKE(t, how, ...) make(t, how, RCCL_VALUES(__VA_ARGS__))
-#define NEW(how, ...) MAKE(rccl_newtrans(name, rccl_const, ""), how, __VA_ARGS__)
+#define NEW(how, ...) MAKE(new_transform(name, rccl_const, ""), how, __VA_ARGS__)
 
 API TRSF_PTR gentr_trsl(char *name, double px, double py, double pz)
 {
