@@ -1,6 +1,9 @@
 /* arcl_call.c - calls of arcl.h as messages, and functions of the program that the engine calls. */
 #define _GNU_SOURCE
+#include <limits.h>
+#include <poll.h>
 #include <stdio.h>
+#include <stdio_ext.h>
 #include <string.h>
 
 #include "arcl_call.h"
@@ -205,10 +208,25 @@ void *arcl_named(const char *name)
     return p;
 }
 
+/* What the program prints stands between the engine's traces; a function for which samples wait does not wait for that:
+ * not for another thread that prints, nor for a terminal that is held or a pipe that is full. A pipe into which something
+ * can be written takes PIPE_BUF bytes at once. */
+static void keep_order(void)
+{
+    if (!shim_serving()) {
+        fflush(stdout);
+    } else if (!ftrylockfile(stdout)) {
+        struct pollfd taken = {fileno_unlocked(stdout), POLLOUT, 0};
+        if (__fpending(stdout) <= PIPE_BUF && poll(&taken, 1, 0) > 0 && taken.revents & POLLOUT)
+            fflush_unlocked(stdout);
+        funlockfile(stdout);
+    }
+}
+
 struct message arcl_try(const char *call, void *result, int count, const arcl_value *values)
 {
     struct message m = shim_message(OP_ARCL_CALL, call);
-    fflush(stdout); /* the engine prints traces there */
+    keep_order();
     shim_start();
     pack(&m, call, result, count, values);
     shim_ask(&m);
@@ -268,7 +286,7 @@ static int call_function(const struct cell *c)
 void arcl_obey(void)
 {
     int64_t answer = call_function(&arcl_cell);
-    fflush(stdout); /* what it prints stands between the engine's traces */
+    keep_order();
     arcl_cell.answer = answer;
 }
 
