@@ -4,6 +4,7 @@
 |---|---|
 | `message` | what program and engine say to each other |
 | `memory` | the pages that both see, and poses in them |
+| `assigned_code` | a code that the program assigns and the engine takes |
 | `callback_slot` | calls of the program's functions without a message |
 | `program_link` | what a library's dispatcher is given, and gives |
 | `engine` | answers a program until it ends |

@@ -108,11 +108,13 @@ else:
 
     @intrinsic  # type: ignore[untyped-decorator]
     def exchange(typing_context: Any, array: Any, index: Any, value: Any) -> Any:
-        """Put `value` into `array[index]` and return what stood there, in one step that no access passes."""
+        """Put `value` into `array[index]`, int64 or int32, and return what stood there, in one step that no access
+        passes."""
 
         def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
             pointer = _pointer_to(context, builder, signature, args[0], args[1])
-            return builder.atomic_rmw("xchg", pointer, args[2], "seq_cst")
+            value = builder.trunc(args[2], ir.IntType(signature.args[0].dtype.bitwidth))
+            return builder.sext(builder.atomic_rmw("xchg", pointer, value, "seq_cst"), ir.IntType(64))
 
         return types.int64(array, types.intp, types.int64), codegen
 

@@ -8,6 +8,7 @@ from typing import Final
 
 import numpy as np
 
+from qrobot.c_transport.assigned_code import AssignedCode
 from qrobot.c_transport.memory import ProgramMemory, SharedPose
 from qrobot.config.outputs import ALL_OUTPUTS
 from qrobot.errors import MotionError
@@ -22,7 +23,8 @@ STATE: Final = np.dtype(
         *((name, np.int32) for name in ("completed", "nbrequest", "nextmove")),
     ]
 )
-"""The integers of `struct manip` of rccl.h, from `n` on."""
+"""The integers of `struct manip` of rccl.h, from `n` on; `nextmove` is the last."""
+INT: Final = 4  # bytes
 NUMBERS_OF_TRANS: Final = 12
 FORCES: Final = 6
 
@@ -44,6 +46,7 @@ class SharedManip:
         integers, trans, joints, force = (place + field for field in fields)
         self.manip = manip
         self._state = memory.record(integers, STATE)[0]
+        self._nextmove = AssignedCode(memory.ints(integers + STATE.itemsize - INT))
         self._pose = SharedPose(memory.reals(trans, NUMBERS_OF_TRANS))
         self._joints, self._force = memory.reals(joints, MAX_JOINTS), memory.doubles(force, FORCES)
         self._showing = threading.Lock()  # the threads of all arms show all manipulators
@@ -77,9 +80,7 @@ class SharedManip:
 
         Raises MotionError: the code is negative.
         """
-        code = int(self._state["nextmove"])
-        if code:
-            self._state["nextmove"] = 0
+        code = self._nextmove.take()
         if code < 0:
             raise MotionError(f"nextmove = {code}: the code must be positive, or it could not be told from our own")
         return code

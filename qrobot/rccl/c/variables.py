@@ -9,6 +9,7 @@ from typing import Final
 
 import numpy as np
 
+from qrobot.c_transport.assigned_code import AssignedCode
 from qrobot.c_transport.memory import ProgramMemory
 from qrobot.config.outputs import ALL_OUTPUTS
 from qrobot.model.arm import Arm
@@ -43,7 +44,8 @@ class Variables:
 
     def __init__(self, memory: ProgramMemory, places: Sequence[int], t6: int) -> None:
         *flags, how, chg = places
-        self._nextmove, self._completed, self._nbrequest, self._terminate = map(memory.ints, flags)
+        nextmove, self._completed, self._nbrequest, self._terminate = map(memory.ints, flags)
+        self._nextmove = AssignedCode(nextmove)
         self._how, self._chg = memory.record(how, HOW)[0], memory.record(chg, CHG)[0]
         self.t6 = SharedTransform("T6", TransformKind.UNKNOWN, memory.reals(t6, 12))
         self.adc_channel = 0
@@ -106,10 +108,7 @@ class Variables:
 
     def take_nextmove(self) -> int:
         """Take what the program has put into `nextmove`, which is 0 then."""
-        code = int(self._nextmove[0])
-        if code:
-            self._nextmove[0] = 0
-        return code
+        return self._nextmove.take()
 
     @property
     def terminate(self) -> bool:
