@@ -15,7 +15,7 @@ NONE: Final = 0
 
 @lean_kernel
 def _take(words: Any) -> int:
-    """What stands in a word, int32[::1], which is NONE then."""
+    """The value of a word, int32[::1], which is NONE then."""
     return exchange(words, 0, NONE)
 
 

@@ -31,7 +31,7 @@ PRIVATE = re.compile(r"rccl_|RCCL_")
 
 def names(header: str) -> set[str]:
     """Functions, variables, types and macros that a header offers to programs."""
-    functions = re.findall(r"^[\w ]+?\*?(\w+)\([^()]*(?:\([^()]*\)[^()]*)*\);", header, re.MULTILINE)
+    functions = re.findall(r"^[\w ]+?[ *](\w+)\([^()]*(?:\([^()]*\)[^()]*)*\);", header, re.MULTILINE)
     variables = [
         name.strip(" *") for line in re.findall(r"^extern (?:volatile )?(?:struct )?\w+ (.*?);", header, re.MULTILINE)
         for name in line.split(",")
