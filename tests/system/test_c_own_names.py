@@ -43,6 +43,11 @@ static int called;
 control() { called++; }
 pumatask() { printf("%d %d\\n", how.n, called); }
 """
+OF_THE_SYSTEM = """
+open() { OPEN return 0; }
+close() { CLOSE return 0; }
+main() { open(); close(); printf("%d\\n", chg.hand); return 0; }
+"""
 WRITTEN = "how.n is no number of joints any more"
 NO_COUNTS = "angtoenc: an angle is no number, or its counts are more than fit into an int"
 
@@ -75,6 +80,12 @@ def test_a_call_that_takes_the_arm_needs_no_control_that_is_the_programs_own(cal
 def test_the_main_of_a_pumatask_takes_the_arm_too(tmp_path: Path, capfd) -> None:
     status, traces = offline(lambda: run_executable(compiled_text(TASK, tmp_path), ()))
     assert (status, capfd.readouterr().out, len(traces)) == (0, "6 0\n", 1)
+
+
+def test_open_and_close_of_a_hand_get_other_names_by_an_option(tmp_path: Path, capfd) -> None:
+    program = compiled_text(OF_THE_SYSTEM, tmp_path, "-Dopen=open_hand", "-Dclose=close_hand")
+    status, _ = offline(lambda: run_executable(program, ()))
+    assert (status, capfd.readouterr().out) == (0, "2\n")
 
 
 @pytest.mark.parametrize(("call", "told"), [("w", WRITTEN), ("v", WRITTEN), ("n", NO_COUNTS), ("f", NO_COUNTS)])
