@@ -501,6 +501,13 @@ def test_nobody_at_the_address_is_one_clear_line(client: Path) -> None:
     assert (status, error) == (LOST, told)
 
 
+def test_a_name_that_nobody_knows_is_told_by_its_resolver(client: Path) -> None:
+    with pytest.raises(socket.gaierror) as raised:
+        socket.getaddrinfo(b"no..where", 5600, type=socket.SOCK_STREAM)
+    status, *_, error = talk(client, "no..where:5600")
+    assert (status, error) == (LOST, f"no address of the bridge at no..where:5600: {raised.value.strerror}")
+
+
 @pytest.mark.parametrize("address", ["lab:0", "lab:65536", "x" * 200])
 def test_an_impossible_address_is_refused(client: Path, address: str) -> None:
     status, *_, error = talk(client, address)

@@ -952,14 +952,20 @@ static inline int qrw_write(struct qrobot_link *link, const unsigned char *data,
     return QROBOT_OK;
 }
 
+#ifdef SOCK_CLOEXEC
+#define QRW_CLOEXEC SOCK_CLOEXEC /* at once: another thread may start a program */
+#else
+#define QRW_CLOEXEC 0
+#endif
+
 /* One try. Returns the socket, or -1 with errno. */
 static inline int qrw_open(const struct addrinfo *where, int64_t until_ns)
 {
-    int fd = socket(where->ai_family, where->ai_socktype, where->ai_protocol), error = 0, yes = 1;
+    int fd = socket(where->ai_family, where->ai_socktype | QRW_CLOEXEC, where->ai_protocol), error = 0, yes = 1;
     socklen_t size = sizeof error;
 
     if (fd >= 0 && fd <= 2) { /* a standard stream that was closed: what the program prints is no packet */
-        int higher = fcntl(fd, F_DUPFD, 3);
+        int higher = fcntl(fd, F_DUPFD_CLOEXEC, 3);
 
         close(fd);
         fd = higher;
@@ -1030,21 +1036,25 @@ static inline int qrw_reach(struct qrobot_link *link, const char *host, int numb
     int64_t until_ns = qrobot_now_ns() + QROBOT_CONNECT_MS * INT64_C(1000000);
     char port[16];
     struct addrinfo hints, *found = NULL, *each;
+    int unknown, error;
 
     snprintf(port, sizeof port, "%d", number);
     snprintf(link->peer, sizeof link->peer, "the bridge at %s:%s", host, port);
     memset(&hints, 0, sizeof hints);
     hints.ai_socktype = SOCK_STREAM;
+    unknown = getaddrinfo(host, port, &hints, &found); /* why is in errno for EAI_SYSTEM alone (RFC 3493, 6.1) */
+    if (unknown != 0)
+        return qrw_fail(link, QROBOT_LOST, "no address of %s: %s", link->peer,
+                        unknown == EAI_SYSTEM ? strerror(errno) : gai_strerror(unknown));
     errno = EHOSTUNREACH;
-    if (getaddrinfo(host, port, &hints, &found) == 0)
-        for (each = found; each != NULL && link->fd < 0; each = each->ai_next)
-            link->fd = qrw_open(each, until_ns);
-    if (found != NULL)
-        freeaddrinfo(found);
+    for (each = found; each != NULL && link->fd < 0; each = each->ai_next)
+        link->fd = qrw_open(each, until_ns);
+    error = errno;
+    freeaddrinfo(found);
     if (link->fd >= 0)
         return QROBOT_OK;
-    return qrw_fail(link, errno == ETIMEDOUT ? QROBOT_TIMEOUT : QROBOT_LOST, "no answer of %s: %s%s", link->peer,
-                    strerror(errno), errno == ECONNREFUSED ? "; start one with `qrobot up`" : "");
+    return qrw_fail(link, error == ETIMEDOUT ? QROBOT_TIMEOUT : QROBOT_LOST, "no answer of %s: %s%s", link->peer,
+                    strerror(error), error == ECONNREFUSED ? "; start one with `qrobot up`" : "");
 }
 
 /* Wait until the far end closes; to close with unread input would take back what was sent (RFC 9293, 3.6.1). */
