@@ -349,9 +349,8 @@ def test_tasks_beside_an_arm_of_rccl_are_refused_on_virtual_time_whichever_comes
 
 def test_every_call_does_on_virtual_time_what_the_papers_say(make: Make) -> None:
     program = make(SUPPORT / "rci_calls.c", flags=(*STRICT, *CHECKED))
-    done = subprocess.run(
-        [program], env=os.environ | {"QROBOT_RCI_TIME": "virtual"}, capture_output=True, text=True, check=False
-    )
+    checked = os.environ | {"QROBOT_RCI_TIME": "virtual", "UBSAN_OPTIONS": "halt_on_error=1"}
+    done = subprocess.run([program], env=checked, capture_output=True, text=True, check=False)
     assert (done.stdout, done.returncode) == ("", 0), done.stderr
 
 

@@ -14,11 +14,13 @@ int64_t rci_tick_at(int64_t now_ns)
     return passed / NS * rci_program.rate_hz + passed % NS * rci_program.rate_hz / NS;
 }
 
-/* The instant of a tick, to the next whole nanosecond. */
+/* The instant of a tick, to the next whole nanosecond; NEVER when that is centuries away. */
 int64_t rci_time_of(int64_t tick)
 {
     int64_t rate = rci_program.rate_hz;
 
+    if (tick / rate >= (NEVER - rci_program.epoch_ns) / NS - 1)
+        return NEVER;
     return rci_program.epoch_ns + tick / rate * NS + (tick % rate * NS + rate - 1) / rate;
 }
 
@@ -28,12 +30,26 @@ long rci_ticks(void)
     return (long)(rci_program.virtual_time ? rci_program.tick : rci_tick_at(qrobot_now_ns()));
 }
 
+/* What is left of a whole number, 0 to interval - 1. */
+static int64_t modulo(int64_t number, int64_t interval)
+{
+    int64_t left = number % interval;
+
+    return left < 0 ? left + interval : left;
+}
+
+static int64_t later(int64_t tick, int64_t ticks)
+{
+    return tick > 0 && ticks > NEVER - tick ? NEVER : tick + ticks;
+}
+
 /* The first tick behind `after` for which (ticks - offset) % interval == 0. */
 int64_t rci_entry_first(const struct clock_entry *entry, int64_t after)
 {
-    int64_t ahead = (entry->offset - after - 1) % entry->interval;
+    int64_t interval = entry->interval;
+    int64_t ahead = modulo(entry->offset, interval) - modulo(after + 1, interval);
 
-    return after + 1 + (ahead < 0 ? ahead + entry->interval : ahead);
+    return later(after + 1, modulo(ahead, interval));
 }
 
 /* How often it was due since it was looked at last, `tick` included. */
@@ -44,7 +60,7 @@ long rci_entry_take(struct clock_entry *entry, int64_t tick)
     if (entry->interval == 0 || entry->next > tick)
         return 0;
     times = (long)((tick - entry->next) / entry->interval + 1);
-    entry->next += (int64_t)times * entry->interval;
+    entry->next = later(entry->next + (int64_t)(times - 1) * entry->interval, entry->interval);
     return times;
 }
 
@@ -66,7 +82,9 @@ static int check_period(const RCI_TASK *td, long interval)
 
     if (td->inside->link != NULL)
         return rci_fail("rci_onclock: task %s holds its robot; release it to change its sample period", td->name);
-    if (interval >= 1 && (us < QROBOT_SHORTEST_PERIOD_US || us > QROBOT_LONGEST_PERIOD_US))
+    if (interval < 1)
+        return 0; /* set_entry() refuses it */
+    if (us < QROBOT_SHORTEST_PERIOD_US || us > QROBOT_LONGEST_PERIOD_US)
         return rci_fail("rci_onclock: %ld ticks of %ld Hz are %g ms; a robot has sample periods of 1 to 100 ms",
                         interval, rci_program.rate_hz, us / 1000.0);
     if (interval * 1000000 % rci_program.rate_hz != 0)
