@@ -21,7 +21,8 @@
  * A handler of a signal in the planning program may ask (rci_state, rci_runs, rci_how, ...), send, receive, and exit();
  * it makes, starts, releases and waits for nothing: let it set a flag that the function of rci_wait() looks at.
  *
- * Calls that can fail return 0, or -1 (pointers: 0) after a line on stderr, which rci_error() keeps. C89 and C++.
+ * Calls that can fail return 0, or -1 (pointers: 0) after a line on stderr, which rci_error() keeps. No task waits for
+ * stderr, which may be a terminal that is held. C89 and C++.
  *
  * SPDX-License-Identifier: Apache-2.0
  */
@@ -107,7 +108,8 @@ int rci_priority(RCI_TASK *td, int priority);
 int rci_close(void);
 const char *rci_error(void);
 
-/* Scheduling */
+/* Scheduling. The device of rci_deviceInterrupt() is no file on a disk, which is always readable. When its far end is
+ * closed, and everything was read, the task ends (rci_wait() tells); it may start again, with another device. */
 int rci_onclock(RCI_TASK *td, long interval, long offset);
 int rci_onfunction(RCI_TASK *td, RCI_WAKEUP wakeup);
 int rci_deviceInterrupt(RCI_TASK *td, int descriptor);
@@ -140,7 +142,7 @@ int rci_signal(int number);        /* to the planning program; what its handler 
 /* Support */
 RCI_TASK *rci_descriptor(const char *name);
 RCI_TASK *rci_self(void);
-int rci_print(const char *format, ...);
+int rci_print(const char *format, ...);  /* a task does not wait until the line is written */
 void *rci_malloc(unsigned long size);
 void rci_free(void *memory);
 int rci_testAndSet(long *word);

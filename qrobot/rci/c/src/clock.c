@@ -140,12 +140,17 @@ int rci_onfunction(RCI_TASK *td, RCI_WAKEUP wakeup)
 
 int rci_deviceInterrupt(RCI_TASK *td, int descriptor)
 {
+    struct stat found;
+
     if (!rci_is_task(td, "rci_deviceInterrupt"))
         return -1;
     if (td->robot != NULL)
         return rci_fail("rci_deviceInterrupt: task %s is woken by its robot", td->name);
-    if (fcntl(descriptor, F_GETFD) < 0)
-        return rci_fail("rci_deviceInterrupt: task %s: %d is no open file, socket or pipe", td->name, descriptor);
+    if (fstat(descriptor, &found) != 0)
+        return rci_fail("rci_deviceInterrupt: task %s: %d is no open device, socket or pipe", td->name, descriptor);
+    if (S_ISREG(found.st_mode) || S_ISDIR(found.st_mode))
+        return rci_fail("rci_deviceInterrupt: task %s: %d is a file or folder of a disk, which is always readable; a "
+                        "device, socket or pipe is needed", td->name, descriptor);
     rci_lock();
     td->inside->device = descriptor;
     rci_unlock();

@@ -2,7 +2,7 @@
  *
  * A processor is a thread; it runs its tasks one after another. One lock guards everything that more than one thread
  * sees. It is held for microseconds, inherits priorities, and is never held while a function of the program runs, a
- * handler of a signal included.
+ * handler of a signal included, nor while anything is written to stderr.
  *
  * SPDX-License-Identifier: Apache-2.0
  */
@@ -101,6 +101,7 @@ struct program {
     pthread_t parent_thread, watch;
     struct area *areas;
     struct seat *lost_seats;       /* of threads that never came back */
+    struct qrobot_link *greeting;  /* a link of which no task has heard yet */
 };
 
 extern struct program rci_program;
@@ -114,12 +115,22 @@ void rci_block_signals(sigset_t *before); /* all of them, in this thread */
 void rci_signals_are_blocked(void); /* in a thread of ours, which has all signals blocked */
 void rci_lock(void);
 void rci_unlock(void);
+void rci_make_lock(pthread_mutex_t *lock);
+int rci_may_not_wait(void); /* in a thread of ours, or while this one has the lock */
 int rci_is_task(const RCI_TASK *td, const char *call);
 unsigned long rci_known(void); /* bits of all tasks */
 int rci_are_tasks(unsigned long mask, const char *call);
 const RCI_ROBOT *rci_find_robot(const char *name, char *address);
 void rci_forget_robots(void);
 extern __thread RCI_TASK *rci_current;
+
+/* tell.c: any thread may say something, with the lock as well */
+void rci_say(const char *format, ...) __attribute__((format(printf, 1, 2)));
+void rci_say_the_unsaid(void);
+void rci_tell_begin(void);
+int rci_tell_start(void);
+int rci_tell_all(void);
+void rci_tell_end(void);
 
 /* clock.c */
 int64_t rci_now_ns(void);
@@ -152,25 +163,31 @@ int rci_find_arm(const RCI_TASK *td, struct qrobot_link *link, struct arm *arm);
 int rci_link_open(RCI_TASK *td, int power_off, const char *call);
 void rci_link_close(RCI_TASK *td, const char *reason);
 int rci_link_hear(RCI_TASK *td);
+void rci_links_leave(void);
 
-/* processor.c, watch.c */
+/* processor.c */
 struct processor *rci_processor(const char *name);
-int rci_processor_start(struct processor *processor);
 void rci_processor_wake(struct processor *processor);
+void rci_round(struct seat *seat);
+void rci_take_fifo(struct seat *seat, int above);
+void *rci_run_processor(void *argument);
+void rci_let_go(RCI_TASK *td);
+
+/* seats.c, watch.c */
+int rci_processor_start(struct processor *processor);
 void rci_processors_end(void);
 int rci_processors_forget(void);
+void rci_processors_leave(void);
 int rci_watch_start(void);
 void rci_watch_end(void);
 void rci_give_up(struct seat *seat);
-void rci_round(struct seat *seat);
-void rci_take_fifo(struct seat *seat, int above);
+
+/* start.c */
 void rci_let_pass(void);
+void rci_begin_release(RCI_TASK *td, int power_off);
 
 /* rccl/c/shim/start.c, in programs that call RCCL or ARCL: 1 when an arm is to be moved by them. */
 int shim_has_engine(void) __attribute__((weak));
-
-/* start.c */
-void rci_begin_release(RCI_TASK *td, int power_off);
 
 /* program.c, for RCCL and ARCL */
 void rci_close_at_exit(void);

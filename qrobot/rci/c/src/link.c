@@ -28,6 +28,20 @@ static int greet(const RCI_TASK *td, struct qrobot_link *link)
     return qrobot_connect(link, getenv("QROBOT_RCI_RELAY"), &hello);
 }
 
+static void set_greeting(struct qrobot_link *link)
+{
+    rci_lock();
+    rci_program.greeting = link;
+    rci_unlock();
+}
+
+static void refuse(struct qrobot_link *link, const char *reason)
+{
+    qrobot_disconnect(link, reason);
+    set_greeting(NULL);
+    free(link);
+}
+
 /* Greet the robot of a task, in the planning program, which may wait; to switch its power off, or to move it. Returns
  * 0 or -1, `call` in the text. */
 int rci_link_open(RCI_TASK *td, int power_off, const char *call)
@@ -40,22 +54,28 @@ int rci_link_open(RCI_TASK *td, int power_off, const char *call)
                         td->name);
     if ((link = calloc(1, sizeof *link)) == NULL)
         return rci_fail("%s: no memory", call);
+    set_greeting(link);
     if (greet(td, link) != QROBOT_OK || link->joints != td->robot->n) {
         if (link->fd >= 0)
             rci_fail("%s: task %s: %s has %d joints, its file says %d", call, td->name, link->peer, link->joints,
                      td->robot->n);
         else
             rci_fail("%s: task %s: %s", call, td->name, link->error);
-        qrobot_disconnect(link, "not the robot that was asked for");
-        free(link);
+        refuse(link, "not the robot that was asked for");
         return -1;
     }
     link->timeout_ms = rci_program.virtual_time ? link->timeout_ms : SEND_MS;
     rci_lock();
+    if (in->processor->seat == NULL) {
+        rci_unlock();
+        refuse(link, "its processor has no thread");
+        return rci_fail("%s: task %s: its processor has no thread any more", call, td->name);
+    }
     rci_cycle_begin(&in->cycle, link->period_us * 1e-6);
     if (power_off)
         rci_cycle_stop(&in->cycle, 1);
     in->link = link;
+    rci_program.greeting = NULL;
     in->heard_ns = rci_now_ns();
     in->next_ns = in->heard_ns + link->period_us * INT64_C(1000);
     rci_unlock();
@@ -77,6 +97,16 @@ void rci_link_close(RCI_TASK *td, const char *reason)
     qrw_close(link);
     free(link);
     td->inside->link = NULL;
+}
+
+/* In a child of the program: close its copies of all links, without a word. */
+void rci_links_leave(void)
+{
+    for (int i = 0; i < rci_program.n_tasks; i++)
+        if (rci_program.tasks[i]->inside->link != NULL)
+            qrw_close(rci_program.tasks[i]->inside->link);
+    if (rci_program.greeting != NULL)
+        qrw_close(rci_program.greeting);
 }
 
 /* Read what has come; of several states the newest counts. Returns 1 for a new one, 0, or -1 with link->error. */

@@ -2,14 +2,12 @@
 #include "inside.h"
 
 #include <sched.h>
-#include <sys/mman.h>
+#include <sys/ioctl.h>
 #include <sys/prctl.h>
-#include <sys/resource.h>
 
 #define PRIORITY 20            /* of qrobot/rci/host_thread.py: behind bridge and servo, ahead of ordinary programs */
 #define SILENT_NS (2 * NS)     /* a robot that says nothing for so long is gone */
 #define LOOK_NS (NS / 10)
-#define CAP_IPC_LOCK 14        /* linux/capability.h */
 
 /* The number behind a prefix: -1 without one, -2 when that is not what the name is. */
 static int number_of(const char *name, const char *prefix)
@@ -33,11 +31,28 @@ static int is_allowed_cpu(int cpu)
     return cpu >= 0 && sched_getaffinity(0, sizeof allowed, &allowed) == 0 && CPU_ISSET(cpu, &allowed);
 }
 
+/* A pipe above the standard streams, which may be closed: what the program prints is no order. Returns 0, or -1. */
+static int make_pipe(int ends[2])
+{
+    int low[2];
+
+    if (pipe2(low, O_CLOEXEC | O_NONBLOCK) != 0)
+        return -1;
+    for (int i = 0; i < 2; i++) {
+        ends[i] = fcntl(low[i], F_DUPFD_CLOEXEC, STDERR_FILENO + 1);
+        close(low[i]);
+    }
+    if (ends[0] >= 0 && ends[1] >= 0)
+        return 0;
+    close(ends[0] >= 0 ? ends[0] : ends[1]);
+    return -1;
+}
+
 static struct processor *new_processor(const char *name, int cpu)
 {
     struct processor *made = calloc(1, sizeof *made);
 
-    if (made == NULL || pipe2(made->wake, O_CLOEXEC | O_NONBLOCK) != 0) {
+    if (made == NULL || make_pipe(made->wake) != 0) {
         rci_fail("rci_create: processor %s: %s", name, strerror(errno));
         free(made);
         return NULL;
@@ -100,7 +115,7 @@ static void start_up(struct seat *seat)
 }
 
 /* Its arm has been stopped, or the link is of no use any more. */
-static void let_go(RCI_TASK *td)
+void rci_let_go(RCI_TASK *td)
 {
     rci_link_close(td, td->inside->state == RCI_ENDED ? td->inside->error : "released");
     if (td->inside->state == RCI_RELEASING)
@@ -139,7 +154,7 @@ static void hear_robots(struct seat *seat)
         } else if (heard > 0 && rci_sample(seat, td) < 0)
             return;
         if (in->link != NULL && in->cycle.phase == LEFT)
-            let_go(td);
+            rci_let_go(td);
     }
 }
 
@@ -208,10 +223,21 @@ static int gather(const struct processor *processor, struct pollfd *fds, RCI_TAS
         }
     }
     for (int i = 0; i < count; i++) {
-        fds[i].events = POLLIN;
+        fds[i].events = POLLIN | POLLRDHUP;
         fds[i].revents = 0;
     }
     return count;
+}
+
+/* Of descriptors whose far end was closed, and of which everything was read: those stay readable for ever. */
+static void note_ends(struct pollfd *fds, int count)
+{
+    for (int i = 1; i < count; i++) {
+        int left = 0;
+
+        if ((fds[i].revents & (POLLHUP | POLLRDHUP)) && (ioctl(fds[i].fd, FIONREAD, &left) != 0 || left == 0))
+            fds[i].revents = POLLHUP;
+    }
 }
 
 static void note_devices(const struct pollfd *fds, RCI_TASK **tasks, int count)
@@ -241,12 +267,14 @@ static void wait_for_more(struct seat *seat)
     if (ppoll(fds, (nfds_t)count, &left, NULL) > 0 && fds[0].revents)
         while (read(fds[0].fd, unread, sizeof unread) == (ssize_t)sizeof unread)
             continue;
+    note_ends(fds, count);
     rci_lock();
     if (!seat->given_up)
         note_devices(fds, tasks, count);
 }
 
-static void *run(void *argument)
+/* What the thread of a seat does. */
+void *rci_run_processor(void *argument)
 {
     struct seat *seat = argument;
     cpu_set_t one;
@@ -267,151 +295,4 @@ static void *run(void *argument)
     seat->ended = 1;
     rci_unlock();
     return NULL;
-}
-
-/* Whether any amount of memory may be locked, by the limit or by a capability. */
-static int may_lock_all(void)
-{
-    unsigned long long capabilities = 0;
-    struct rlimit limit;
-    char line[128];
-    FILE *status;
-
-    if (getrlimit(RLIMIT_MEMLOCK, &limit) == 0 && limit.rlim_cur == RLIM_INFINITY)
-        return 1;
-    if ((status = fopen("/proc/self/status", "re")) == NULL)
-        return 0;
-    while (fgets(line, sizeof line, status) != NULL && sscanf(line, "CapEff: %llx", &capabilities) != 1)
-        continue;
-    fclose(status);
-    return (int)(capabilities >> CAP_IPC_LOCK & 1);
-}
-
-/* Keep all pages of the program in memory, those to come as well. With a finite limit later allocations would fail. */
-static void lock_memory(void)
-{
-    static int done;
-
-    if (!done && may_lock_all())
-        (void)mlockall(MCL_CURRENT | MCL_FUTURE);
-    done = 1;
-}
-
-/* Give a processor a thread, which has no signals: those are the planning program's. The lock is held. */
-static int take_seat(struct processor *processor)
-{
-    struct seat *seat = calloc(1, sizeof *seat);
-    sigset_t before;
-    int error;
-
-    if (seat == NULL)
-        return rci_fail("processor %s: no memory", processor->name);
-    seat->processor = processor;
-    processor->seat = seat;
-    if (rci_program.virtual_time)
-        return 0;
-    lock_memory();
-    rci_block_signals(&before);
-    error = pthread_create(&seat->thread, NULL, run, seat);
-    pthread_sigmask(SIG_SETMASK, &before, NULL);
-    if (error == 0)
-        return 0;
-    processor->seat = NULL;
-    free(seat);
-    return rci_fail("processor %s: no thread: %s", processor->name, strerror(error));
-}
-
-int rci_processor_start(struct processor *processor)
-{
-    return processor->seat == NULL ? take_seat(processor) : 0;
-}
-
-/* A function does not come back: its task ends, another thread goes on with the processor and stops its arm. The old
- * one loses its priority, so that it delays nobody, and ends when its function does. The lock is held. */
-void rci_give_up(struct seat *seat)
-{
-    struct sched_param none;
-
-    memset(&none, 0, sizeof none);
-    seat->given_up = 1;
-    rci_end_task(seat->running, "one of its functions takes longer than %g s and was given up",
-                 (double)seat->running->inside->allowed_ns * 1e-9);
-    pthread_setschedparam(seat->thread, SCHED_OTHER, &none);
-    pthread_detach(seat->thread);
-    seat->next_lost = rci_program.lost_seats;
-    rci_program.lost_seats = seat;
-    take_seat(seat->processor);
-}
-
-/* Until its thread has ended. The watch is awake meanwhile: a function that does not come back is given up. */
-static void end_thread(struct processor *processor)
-{
-    const struct timespec moment = {0, 1000000};
-    struct seat *seat;
-
-    rci_lock();
-    processor->over = 1;
-    rci_processor_wake(processor);
-    while ((seat = processor->seat) != NULL && !seat->ended && !rci_program.virtual_time) {
-        rci_unlock();
-        nanosleep(&moment, NULL);
-        rci_lock();
-    }
-    rci_unlock();
-}
-
-static void forget_processor(struct processor *processor)
-{
-    struct seat *seat = processor->seat;
-
-    if (seat != NULL && !rci_program.virtual_time)
-        pthread_join(seat->thread, NULL);
-    free(seat);
-    close(processor->wake[0]);
-    close(processor->wake[1]);
-    free(processor);
-}
-
-/* Forget threads that came back after all. Returns how many have not. */
-static int count_lost(void)
-{
-    struct seat **at = &rci_program.lost_seats;
-    int lost = 0;
-
-    while (*at != NULL) {
-        struct seat *seat = *at;
-
-        if (seat->ended) {
-            *at = seat->next_lost;
-            free(seat);
-        } else {
-            at = &seat->next_lost;
-            lost++;
-        }
-    }
-    return lost;
-}
-
-/* End the threads of all processors. */
-void rci_processors_end(void)
-{
-    for (struct processor *each = rci_program.processors; each != NULL; each = each->next)
-        end_thread(each);
-}
-
-/* Forget processors whose threads have ended, and the watch with them. Returns how many threads never came back. */
-int rci_processors_forget(void)
-{
-    struct processor *each, *next;
-    int lost;
-
-    for (each = rci_program.processors; each != NULL; each = next) {
-        next = each->next;
-        forget_processor(each);
-    }
-    rci_program.processors = NULL;
-    rci_lock();
-    lost = count_lost();
-    rci_unlock();
-    return lost;
 }

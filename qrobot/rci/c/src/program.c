@@ -8,6 +8,7 @@ struct program rci_program;
 __thread RCI_TASK *rci_current; /* whose function runs in this thread; 0 in the planning program */
 static pthread_once_t once = PTHREAD_ONCE_INIT;
 static __thread int blocked;          /* a thread of ours, which has all signals blocked */
+static __thread int holding;          /* this thread has the lock */
 static __thread sigset_t mask_before; /* what this thread had blocked when it took the lock */
 static __thread char last_error[TEXT_BYTES];
 
@@ -19,7 +20,7 @@ int rci_fail(const char *format, ...)
     va_start(values, format);
     vsnprintf(last_error, sizeof last_error, format, values);
     va_end(values);
-    fprintf(stderr, "rci: %s\n", last_error);
+    rci_say("rci: %s", last_error);
     return -1;
 }
 
@@ -47,19 +48,28 @@ void rci_lock(void)
     if (!blocked)
         rci_block_signals(&mask_before);
     pthread_mutex_lock(&rci_program.lock);
+    holding = 1;
 }
 
 void rci_unlock(void)
 {
+    holding = 0;
     pthread_mutex_unlock(&rci_program.lock);
     if (!blocked)
         pthread_sigmask(SIG_SETMASK, &mask_before, NULL);
+    rci_say_the_unsaid();
+}
+
+int rci_may_not_wait(void)
+{
+    return blocked || holding;
 }
 
 static void close_in_parent(void)
 {
     if (rci_program.begun && pthread_equal(pthread_self(), rci_program.parent_thread) && rci_current == NULL)
         rci_close();
+    rci_tell_all(); /* of a task that has called exit() */
 }
 
 /* Before main, so that the program's own handlers of exit() still have its tasks. For RCCL, which comes before. */
@@ -83,17 +93,18 @@ void rci_begin_stop(void)
     rci_unlock();
 }
 
-static void make_lock(void)
+void rci_make_lock(pthread_mutex_t *lock)
 {
     pthread_mutexattr_t attributes;
 
     pthread_mutexattr_init(&attributes);
     pthread_mutexattr_setprotocol(&attributes, PTHREAD_PRIO_INHERIT);
-    pthread_mutex_init(&rci_program.lock, &attributes);
+    pthread_mutex_init(lock, &attributes);
     pthread_mutexattr_destroy(&attributes);
 }
 
-/* A child of the program has none of its threads, lost ones included, so none of its tasks once these have them. */
+/* A child of the program has none of its threads, lost ones included, so none of its tasks once these have them. It
+ * keeps nothing open of what they have: a bridge is to miss the program when that is killed. The lock is held. */
 static void forget_in_child(void)
 {
     static struct program parents; /* reachable, for those who look for leaks */
@@ -101,18 +112,26 @@ static void forget_in_child(void)
     if (rci_program.sealed || rci_program.lost_seats != NULL)
         parents = rci_program;
     rci_program.lost_seats = NULL;
-    if (!rci_program.sealed)
-        return;
-    memset(&rci_program, 0, sizeof rci_program);
-    rci_current = NULL;
-    make_lock();
+    if (rci_program.sealed) {
+        rci_links_leave();
+        rci_processors_leave();
+        memset(&rci_program, 0, sizeof rci_program);
+        rci_current = NULL;
+    }
+    rci_make_lock(&rci_program.lock); /* which a child cannot let go: it was taken by a thread of its parent's */
+    rci_tell_begin();
+    holding = 0;
+    if (!blocked)
+        pthread_sigmask(SIG_SETMASK, &mask_before, NULL);
+    blocked = 0;
 }
 
 /* What is done once in a process. */
 static void prepare(void)
 {
-    make_lock();
-    pthread_atfork(NULL, NULL, forget_in_child);
+    rci_make_lock(&rci_program.lock);
+    rci_tell_begin();
+    pthread_atfork(rci_lock, rci_unlock, forget_in_child);
 }
 
 /* The first call begins a program: its clock and its parent task. */
@@ -324,6 +343,7 @@ int rci_close(void)
         memcpy(kept, rci_program.tasks, sizeof rci_program.tasks);
     forget_all(lost);
     pthread_sigmask(SIG_SETMASK, &before, NULL);
+    rci_tell_end();
     return failed ? -1 : 0;
 }
 

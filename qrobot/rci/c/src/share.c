@@ -232,7 +232,8 @@ int rci_print(const char *format, ...)
     va_start(values, format);
     vsnprintf(line, sizeof line, format, values);
     va_end(values);
-    return fprintf(stderr, "[%s] %s\n", rci_self()->name, line);
+    rci_say("[%s] %s", rci_self()->name, line);
+    return (int)strlen(line);
 }
 
 void *rci_malloc(unsigned long size)

@@ -152,7 +152,8 @@ static int attach(unsigned long mask)
             return -1;
         if (td->robot == NULL) {
             rci_lock();
-            td->inside->state = RCI_READY;
+            if (td->inside->state == RCI_ATTACHING)
+                td->inside->state = RCI_READY;
             rci_unlock();
         }
     }
@@ -243,6 +244,8 @@ static int prepare_start(unsigned long mask)
     rci_unlock();
     index = 0;
     rci_program.sealed = 1;
+    if (!rci_program.virtual_time && rci_tell_start() < 0)
+        return give_up_start(mask);
     while ((td = next_of(mask, &index)) != NULL)
         if (rci_processor_start(td->inside->processor) < 0)
             return give_up_start(mask);
@@ -309,7 +312,7 @@ static int power_off_left(unsigned long mask, const char *call)
         rci_lock();
         left = is_left_with_power(td);
         rci_unlock();
-        if (left && rci_link_open(td, 1, call) < 0)
+        if (left && (rci_processor_start(td->inside->processor) < 0 || rci_link_open(td, 1, call) < 0))
             status = -1;
     }
     wake_all(mask);
