@@ -13,8 +13,8 @@ from qrobot.realtime.atomics import load_acquire, store_release
 from qrobot.realtime.clock import monotonic_ns, pause
 from qrobot.realtime.jit import jit_disabled, lean_kernel
 
-SLOT_WORDS: Final = 7
-_CALLED, _OP, _REF, _PROCESSOR, _DONE, _ASKING, _LOOKING = range(SLOT_WORDS)  # `struct shim_cell`
+SLOT_WORDS: Final = 8
+_CALLED, _OP, _REF, _PROCESSOR, _DONE, _ASKING, _LOOKING, _WAITING = range(SLOT_WORDS)  # `struct shim_cell`
 _NUMBERS: Final = (1 << 31) - 1
 _PATIENCE_NS: Final = 50_000  # for a function; then we sleep until it comes back
 _SPINS: Final = 50  # some 1 us
@@ -76,3 +76,7 @@ class CallbackSlot:
             return UNSEEN
         self.number = self.number % _NUMBERS + 1
         return _call(self._words, self.number, int(op), ref)  # an enumeration would cost Numba 100 us
+
+    def others_wait(self) -> bool:
+        """True while threads of the program wait for their turn to ask."""
+        return bool(self._words[_WAITING] > 0)

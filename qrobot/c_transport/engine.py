@@ -25,7 +25,7 @@ from qrobot.c_transport.message import BRIEF, SIZE, VERSION, CallMessage, Op, de
 from qrobot.c_transport.program_link import CallDispatcher, MakeDispatcher, ProgramLink
 from qrobot.c_transport.usable_time import UsableTime
 from qrobot.errors import ConfigError, LinkLost, LinkTimeout, QRobotError
-from qrobot.rci.listening import listening
+from qrobot.rci.listening import GivesWay, listening
 from qrobot.realtime.process_end import end_of_process
 
 GLOBALS: Final = 13  # places of RCCL that the greeting names before that of the callback slot
@@ -224,9 +224,9 @@ def _converse(front: Foreground, back: Background, languages: Sequence[MakeDispa
         front.send(CallMessage(Op.ERROR, text=str(error)))
         raise
     sys.argv[0] = hello.text  # how links greet
-    link = ProgramLink(back.call, back.signal, front.ask, front.say)
     back.time = UsableTime(hello.refs[PROCESS])
     back.slot = CallbackSlot(memory.words(hello.refs[GLOBALS], SLOT_WORDS))
+    link = ProgramLink(back.call, back.signal, front.ask, front.say, back.slot.others_wait)
     back.dispatcher = dispatcher = make(memory, hello.refs, link)
     front.send(CallMessage(Op.REPLY))
     try:
@@ -249,6 +249,8 @@ def _maker(languages: Sequence[MakeDispatcher], language: int) -> MakeDispatcher
 def _answer(dispatcher: CallDispatcher, message: CallMessage, background: bool = False) -> CallMessage:
     try:
         return dispatcher.answer(message, background)
+    except GivesWay:
+        return CallMessage(Op.AGAIN)
     except QRobotError as error:
         return CallMessage(Op.ERROR, text=str(error))
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from enum import IntEnum
 from typing import Final
 
-VERSION: Final = 6  # of these messages; a program that was compiled for another one is refused
+VERSION: Final = 7  # of these messages; a program that was compiled for another one is refused
 REFS: Final = 24
 NUMBERS: Final = 64
 TEXT: Final = 256  # bytes, with a zero behind them
@@ -19,7 +19,10 @@ BRIEF: Final = _BRIEF.size
 
 
 class Op(IntEnum):
-    """Purpose of a message: calls of the libraries below 100, answers and calls of the program's functions above."""
+    """Purpose of a message: calls of the libraries below 100, answers and calls of the program's functions above.
+
+    AGAIN is the answer to a call that has given way to another thread of the program, and is to be asked again.
+    """
 
     HELLO = 1
     CONTROL = 2
@@ -81,6 +84,7 @@ class Op(IntEnum):
     CALL_FUNCTION = 105
     SIGNAL = 106
     CALL_ARCL = 107
+    AGAIN = 108
 
 
 @dataclass(frozen=True)

@@ -19,12 +19,14 @@ class ProgramLink:
         signal: have the program count an event.
         ask: put a question to the person at its terminal; EOFError when nobody answers.
         say: print lines there.
+        others_wait: true while other threads of the program wait until the call under way is answered.
     """
 
     call: Callable[[Op, int], None]
     signal: Callable[[int], None]
     ask: Callable[[str], str]
     say: Callable[[str], None]
+    others_wait: Callable[[], bool]
 
 
 class CallDispatcher(Protocol):

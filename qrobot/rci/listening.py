@@ -35,7 +35,12 @@ class _Ear:
                 stop_all()
 
 
+class GivesWay(Exception):  # noqa: N818 (no error: the wait is to be begun again)
+    """A wait has ended before its time, because another thread of the program wants to ask something."""
+
+
 _ears: Final[list[_Ear]] = []
+_others: Final[list[Predicate]] = []
 
 
 @contextmanager
@@ -46,6 +51,16 @@ def listening(listen: Callable[[], object]) -> Iterator[None]:
         yield
     finally:
         _ears.pop()
+
+
+@contextmanager
+def giving_way(others_wait: Predicate | None) -> Iterator[None]:
+    """Have a wait for an arm in this block raise `GivesWay` at the first sample at which others wait; None: never."""
+    _others.append(others_wait or bool)
+    try:
+        yield
+    finally:
+        _others.pop()
 
 
 def is_listening() -> bool:
@@ -60,11 +75,15 @@ def listen_once() -> None:
 
 
 def heard(predicate: Predicate) -> Predicate:
-    """The same predicate of a wait, which raises QRobotError when the program has ended."""
+    """The same predicate of a wait, which raises QRobotError when the program has ended, and may raise `GivesWay`."""
 
     def listened() -> bool:
         listen_once()
-        return predicate()
+        if predicate():
+            return True
+        if any(others_wait() for others_wait in _others):
+            raise GivesWay
+        return False
 
     return listened if _ears else predicate
 

@@ -239,6 +239,8 @@ WAITING: Final = frozenset(
     {"arcl_open", "arcl_close", "arcl_wait", "arcl_setload", "arcl_collision", "sem_pend", "teach"}
 )
 """Calls that let samples pass, or take or release an arm: no function that is called at a sample may ask them."""
+GIVING_WAY: Final = frozenset({"arcl_wait", "sem_pend"})
+"""Those of them that may be broken off, and asked again, for the sake of another thread of the program."""
 LISTS: Final = {
     "arcl_open": (0, inf),
     "move": (2, inf),

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Final
 
-from qrobot.arcl.c.calls import CALLS, WAITING, check_values
+from qrobot.arcl.c.calls import CALLS, GIVING_WAY, WAITING, check_values
 from qrobot.arcl.c.cell import FunctionCell
 from qrobot.arcl.c.objects import ObjectTable
 from qrobot.arcl.c.values import CallArguments
@@ -15,6 +15,7 @@ from qrobot.c_transport.memory import ProgramMemory
 from qrobot.c_transport.message import CallMessage, Op
 from qrobot.c_transport.program_link import ProgramLink
 from qrobot.errors import MotionError, QRobotError
+from qrobot.rci.listening import giving_way
 
 CELL: Final = 15  # where the greeting names the place of the cell
 
@@ -32,6 +33,7 @@ class ArclDispatcher:
         self._objects = ObjectTable(memory)
         self._cell = FunctionCell(memory, places[CELL], self._objects, link.call)
         self._words: list[str] = []
+        self._others_wait = link.others_wait
 
     def answer(self, message: CallMessage, background: bool = False) -> CallMessage:
         """See `CallDispatcher.answer`."""
@@ -45,7 +47,8 @@ class ArclDispatcher:
         if background and arguments.call in WAITING:
             raise MotionError(f"{arguments.call}: a function that ARCL calls must not wait, nor open or close a robot")
         check_values(arguments.call, given := list(arguments))
-        return self._told(CALLS[arguments.call](self._objects, arguments.result, given))
+        with giving_way(self._others_wait if arguments.call in GIVING_WAY else None):
+            return self._told(CALLS[arguments.call](self._objects, arguments.result, given))
 
     def _told(self, answer: CallMessage | None) -> CallMessage:
         """The answer, once the program can see what became of its motions, and traces before it are printed."""

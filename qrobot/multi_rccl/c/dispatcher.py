@@ -26,6 +26,7 @@ from qrobot.rccl.c.shared import SharedTransform
 from qrobot.rccl.c.undone import terminated, undone
 from qrobot.rccl.position import Position, Separator, there
 from qrobot.rci.bad_end import stop_all
+from qrobot.rci.listening import giving_way
 
 MANIP: Final = REFS - 1  # reference to the manipulator of a call
 TERMINATE: Final = 3  # among the places of variables
@@ -72,7 +73,8 @@ class ManipDispatcher:
         if not background:
             _skip(list(self._manips.values()))
         try:
-            answer = call.handler(self, message)
+            with giving_way(self._link.others_wait if call.gives_way else None):
+                answer = call.handler(self, message)
         except UnknownError as error:
             raise MotionError(_in_c(f"{op.name.lower()}: {error}")) from error
         except MotionError as error:
@@ -326,7 +328,7 @@ CALLS: Final[dict[Op, ManipCallRow]] = {
     Op.MANIP_OPEN: CallRow(ManipDispatcher.open, waits=True),
     Op.CONTROL: CallRow(ManipDispatcher.control, waits=True),
     Op.RELEASE: CallRow(ManipDispatcher.release, waits=True),
-    Op.NEXT_SAMPLE: CallRow(ManipDispatcher.next_sample, waits=True),
+    Op.NEXT_SAMPLE: CallRow(ManipDispatcher.next_sample, waits=True, gives_way=True),
     Op.MOVE: _to(calls.move),
     Op.STOP: CallRow(ManipDispatcher.stop),
     Op.MAINTAIN: _to(calls.maintain),

@@ -23,6 +23,7 @@ from qrobot.rccl.channel import Channel
 from qrobot.rccl.jog import STEPPING_HELP, Stepper
 from qrobot.rccl.position import there
 from qrobot.rccl.teach_transform import teach
+from qrobot.rci.listening import giving_way
 
 OBJECTS: Final = 9  # variables and structures, whose places stand first
 FIELDS: Final = 4  # of structures, whose places stand behind them
@@ -81,7 +82,8 @@ class Dispatcher:
         if not background:
             self._look_at_flags()
         try:
-            answer = call.handler(self, message)
+            with giving_way(self._link.others_wait if call.gives_way else None):
+                answer = call.handler(self, message)
         except UnknownError as error:
             raise MotionError(f"{op.name.lower()}: {error}") from error
         self._variables.show_queue(self._arm)
@@ -339,7 +341,7 @@ CALLS: Final[dict[Op, ArmCallRow]] = {
     # the arm, with transforms, positions or functions of the program
     Op.CONTROL: CallRow(Dispatcher.control, waits=True),
     Op.RELEASE: CallRow(Dispatcher.release, waits=True),
-    Op.NEXT_SAMPLE: CallRow(Dispatcher.next_sample, waits=True),
+    Op.NEXT_SAMPLE: CallRow(Dispatcher.next_sample, waits=True, gives_way=True),
     Op.JPOSITION: CallRow(Dispatcher.jposition),
     Op.MOVE: CallRow(Dispatcher.move),
     Op.EVALFN: CallRow(Dispatcher.evalfn),

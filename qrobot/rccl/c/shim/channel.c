@@ -32,7 +32,9 @@
 enum heard { NOTHING = -1, END = 0, HEARD = 1 };
 
 static int foreground = -1;
-static pthread_mutex_t calling = PTHREAD_MUTEX_INITIALIZER; /* a program may have threads of its own */
+static pthread_mutex_t turns = PTHREAD_MUTEX_INITIALIZER; /* a program may have threads of its own */
+static pthread_cond_t turn_over = PTHREAD_COND_INITIALIZER;
+static unsigned long turn, turns_taken; /* whose it is, and how many have been taken */
 static __thread volatile sig_atomic_t in_call; /* of the foreground, or of a thread of the program's own */
 static __thread int served = -1; /* in functions that the engine calls: its channel */
 static int by_message;           /* the call under way is to be answered by a message */
@@ -127,7 +129,7 @@ static void ask_person(struct message *m)
 {
     printf("%s", m->text);
     fflush(stdout);
-    m->n = fgets(m->text, SHIM_TEXT, stdin) != NULL;
+    m->n = shim_read_line(m->text, SHIM_TEXT);
 }
 
 /* Not the answer yet: the engine talks to the person at the terminal, needs another function for it, or repeats the call
@@ -175,23 +177,76 @@ int shim_calling(void)
     return in_call;
 }
 
-struct message *shim_ask(struct message *m)
+int shim_occupied(void)
 {
-    if (in_call)
-        shim_die(SHIM_IN_HANDLER);
+    return __atomic_load_n(&turn, __ATOMIC_ACQUIRE) != __atomic_load_n(&turns_taken, __ATOMIC_ACQUIRE);
+}
+
+/* A call that waits for its arm sees it, and gives way. */
+static void show_waiting(void)
+{
+    unsigned long asking = turns_taken - turn;
+    __atomic_store_n(&shim_cell.waiting, asking > 1 ? (int64_t) asking - 1 : 0, __ATOMIC_RELEASE);
+}
+
+/* Threads ask in the order in which they come: one that asks again and again lets the others in. */
+static void take_turn(void)
+{
+    pthread_mutex_lock(&turns);
+    unsigned long ours = turns_taken;
+    __atomic_store_n(&turns_taken, ours + 1, __ATOMIC_RELEASE);
+    show_waiting();
+    while (turn != ours)
+        pthread_cond_wait(&turn_over, &turns);
+    pthread_mutex_unlock(&turns);
+}
+
+static void end_turn(void)
+{
+    pthread_mutex_lock(&turns);
+    __atomic_store_n(&turn, turn + 1, __ATOMIC_RELEASE);
+    show_waiting();
+    pthread_cond_broadcast(&turn_over);
+    pthread_mutex_unlock(&turns);
+}
+
+static void ask_in_turn(struct message *m)
+{
+    in_call = 1;
+    take_turn();
+    converse(foreground, m);
+    end_turn();
+    in_call = 0;
+}
+
+/* Until it is answered: a call that has given way to another thread's is asked again. */
+static void ask(struct message *m)
+{
+    const struct message asked = *m;
     shim_start();
     if (served >= 0) {
         by_message = 1;
         __atomic_store_n(&shim_cell.asking, newest, __ATOMIC_RELEASE);
         converse(served, m);
-    } else {
-        in_call = 1;
-        pthread_mutex_lock(&calling);
-        converse(foreground, m);
-        pthread_mutex_unlock(&calling);
-        in_call = 0;
-        shim_stay(); /* then it is no answer */
+        return;
     }
+    do {
+        *m = asked;
+        ask_in_turn(m);
+        shim_stay(); /* then it is no answer */
+    } while (m->op == OP_AGAIN);
+}
+
+/* A thread that is cancelled meanwhile would keep its turn, so it is afterwards. */
+struct message *shim_ask(struct message *m)
+{
+    int cancelling;
+    if (in_call)
+        shim_die(SHIM_IN_HANDLER);
+    pthread_setcancelstate(PTHREAD_CANCEL_DISABLE, &cancelling);
+    ask(m);
+    pthread_setcancelstate(cancelling, NULL);
+    pthread_testcancel();
     return m;
 }
 
@@ -309,7 +364,10 @@ void shim_wait_closed(int timeout_ms)
     long left, until = now_ns() + timeout_ms * 1000000L;
     while ((left = until - now_ns()) > 0) {
         int ready = poll(&wanted, 1, (int) (left / 1000000 + 1));
-        if (ready == 0 || (ready < 0 && errno != EINTR) || (ready > 0 && recv(foreground, &m, sizeof m, 0) <= 0))
+        if (ready == 0 || (ready < 0 && errno != EINTR))
+            return;
+        ssize_t got = ready > 0 ? recv(foreground, &m, sizeof m, MSG_DONTWAIT) : 1; /* another thread may hear it first */
+        if (got == 0 || (got < 0 && errno != EAGAIN && errno != EINTR))
             return;
     }
 }

@@ -10,7 +10,7 @@
 #include <stdint.h>
 #include <stdio.h>
 
-#define SHIM_VERSION 6
+#define SHIM_VERSION 7
 #define SHIM_REFS 24
 #define SHIM_NUMBERS 64
 #define SHIM_TEXT 256
@@ -114,6 +114,7 @@ enum op {
     OP_CALL_FUNCTION,
     OP_SIGNAL,
     OP_CALL_ARCL,
+    OP_AGAIN,
 };
 
 /* One message, whole on a SOCK_SEQPACKET; each op knows which fields it uses. */
@@ -134,11 +135,13 @@ _Static_assert(sizeof(struct message) == 968, "message.py says so");
 struct shim_cell {
     int64_t called, op, ref, processor; /* by the engine, `called` last: the newest call, and where it was made */
     int64_t done, asking, looking; /* by the program: the newest call that is done, or asks the engine; it looks here */
+    int64_t waiting; /* by the program: threads of it that wait for their turn to ask */
 };
 
 /* shared.c */
 extern struct shim_cell shim_cell;
 int shim_share(void); /* Share the memory; its file. */
+void shim_unshare(void); /* In a child of the program: what it changes is its own. Async-signal-safe. */
 int64_t shim_ref(const volatile void *p); /* Place of p in it, -1 when it lies elsewhere. */
 void *shim_at(int64_t ref);
 void *shim_new(const char *name, char **kept); /* SHIM_ROOM bytes, all zero; where its name is kept. */
@@ -152,6 +155,7 @@ void shim_globals(int64_t *refs);
 struct message shim_message(enum op op, const char *text);
 struct message *shim_ask(struct message *m); /* Ask the engine; the answer, OP_REPLY or OP_ERROR, stands in m. */
 int shim_serving(void); /* True in a function that the engine calls. */
+int shim_occupied(void); /* True while a thread of the program asks, or waits for its turn to. */
 int shim_calling(void); /* True in a handler of a signal that has interrupted a call, and in what it has jumped to. */
 struct message *shim_call(struct message *m); /* Ask the engine; the answer stands in m. Ends the program on an error. */
 void shim_open(int foreground);
@@ -170,7 +174,13 @@ void shim_start(void); /* Reach the engine; does nothing the second time. */
 void shim_die(const char *text) __attribute__((noreturn)); /* Say why, and exit with status 1. */
 void shim_stay(void); /* Does not return when another thread ends the program, which takes this one along. */
 void *shim_need(void *given, const char *call, const char *what); /* What was given; ends the program at NULL. */
+
+/* terminal.c */
 void shim_say(const char *who, const char *text); /* On stderr, unless there is no text. */
-void shim_say_mess(void);
+void shim_say_now(const char *text); /* On stderr; what would have to wait is kept. Async-signal-safe. */
+void shim_say_mess(void); /* Likewise. */
+void shim_say_rest(void); /* What was kept. */
+void shim_flush_output(void); /* That of the program, unless it would have to wait. */
+int shim_read_line(char *line, size_t room); /* From stdin; false at its end. */
 
 #endif

@@ -8,6 +8,7 @@
 #include <pthread.h>
 #include <signal.h>
 #include <stddef.h>
+#include <stdlib.h>
 #include <string.h>
 #include <sys/mman.h>
 #include <unistd.h>
@@ -114,6 +115,25 @@ int shim_share(void)
     int file = share_pages();
     pthread_sigmask(SIG_SETMASK, &before, NULL);
     return file;
+}
+
+/* Pages of our own with the same content, of which the first bytes are in use. */
+static void own(char *at, size_t used, size_t size)
+{
+    char *copy = mmap(NULL, size, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS | MAP_NORESERVE, -1, 0);
+    if (copy == MAP_FAILED)
+        _exit(EXIT_FAILURE); /* a child that could move its parent's arm */
+    copy_pages(copy, at, used);
+    if (mremap(copy, size, size, MREMAP_MAYMOVE | MREMAP_FIXED, at) == MAP_FAILED)
+        _exit(EXIT_FAILURE);
+}
+
+void shim_unshare(void)
+{
+    if (!arena)
+        return;
+    own(first_page, (size_t) pages, (size_t) pages);
+    own(arena, (size_t) ((char *) fresh - arena), ARENA_BYTES);
 }
 
 int64_t shim_ref(const volatile void *p)

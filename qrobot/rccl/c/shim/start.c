@@ -16,6 +16,7 @@
 
 #define ENGINE "QROBOT_ENGINE" /* two channels, when somebody has started an engine for this program: "3,4" */
 #define PYTHON "QROBOT_PYTHON" /* another Python than that of `qrobot cc` */
+#define MOST_FILES 4096
 #define PATIENCE_MS 10000      /* for an arm that comes to rest */
 #define FAVOURED_NICENESS (-10) /* that of qrobot/realtime/setup.py */
 
@@ -27,23 +28,6 @@ static volatile sig_atomic_t over = 0;   /* the program ends, in the thread `end
 static volatile sig_atomic_t parted = 0; /* and nothing can be asked any more */
 static volatile pthread_t ender;
 static volatile sig_atomic_t interrupts = 0;
-
-static void say_now(const char *text)
-{
-    if (text && write(STDERR_FILENO, text, strlen(text)) < 0)
-        return; /* nobody reads it: the terminal is gone */
-}
-
-/* Once: a program may release its arm and end a good while later. */
-void shim_say_mess(void)
-{
-    static volatile sig_atomic_t said = 0;
-    if (!mess || said)
-        return;
-    said = 1;
-    say_now(mess);
-    say_now("\n");
-}
 
 static void begin_to_end(void)
 {
@@ -59,13 +43,22 @@ static void stop_tasks(void)
         rci_begin_stop();
 }
 
-/* Async-signal-safe. */
-static void farewell(void)
+/* The engine brings the arm to rest from now on. Async-signal-safe. */
+static void part(void)
 {
     begin_to_end();
     parted = 1;
     shim_close();
+}
+
+/* Async-signal-safe. */
+static void end_now(void)
+{
+    part();
+    stop_tasks();
+    shim_say_mess();
     shim_wait_closed(PATIENCE_MS);
+    shim_say_rest();
 }
 
 void shim_stay(void)
@@ -84,11 +77,16 @@ void shim_die(const char *text)
 {
     shim_stay(); /* it fails because the program ends */
     stop_tasks();
-    fflush(stdout);
-    fprintf(stderr, "%s: %s\n", program_invocation_short_name, text);
+    shim_flush_output();
+    shim_say_now(program_invocation_short_name);
+    shim_say_now(": ");
+    shim_say_now(text);
+    shim_say_now("\n");
     shim_say_mess();
     if (over && !pthread_equal(pthread_self(), ender))
         _exit(1);
+    if (over)
+        end_now();
     begin_to_end(); /* there is nobody to let go of the arm in an orderly way */
     exit(1);        /* in a handler of exit() too: those that are left follow */
 }
@@ -102,37 +100,40 @@ void *shim_need(void *given, const char *call, const char *what)
     return given;
 }
 
-void shim_say(const char *who, const char *text)
+/* With status 0 when the motions that wait are done. */
+static void let_go(int status)
 {
-    if (*text)
-        fprintf(stderr, "%s: %s: %s\n", program_invocation_short_name, who, text);
+    struct message m = shim_message(OP_RELEASE, "");
+    char who[32];
+    if (status != 0)
+        stop_tasks();
+    begin_to_end();
+    m.n = status == 0;
+    shim_call(&m);
+    fflush(stdout);
+    snprintf(who, sizeof who, "ended with status %d", status);
+    shim_say(who, m.text);
+    shim_say_mess();
+    part();
+    shim_wait_closed(PATIENCE_MS);
+    pthread_join(background, NULL);
+    shim_say_rest();
 }
 
 /* At exit: whoever has an arm lets go of it first; with status 0 when the motions that wait are done (Hayward and Paul's
- * programs end with a `move`). After an error a function may hang, so nobody waits for its thread. In a function that is
- * called at a sample, and in a handler that has interrupted a call, nothing can be asked: the arm comes to rest. */
+ * programs end with a `move`). After an error a function may hang, so nobody waits for its thread; nor for another
+ * thread that asks. In a function that is called at a sample, and in a handler that has interrupted a call, nothing can
+ * be asked. Then the arm comes to rest at once. */
 static void leave(int status, void *unused)
 {
-    struct message m = shim_message(OP_RELEASE, "");
-    int orderly = !over && !shim_serving() && !shim_calling();
-    char who[32];
+    int orderly = !over && !shim_serving() && !shim_calling() && (status == 0 || !shim_occupied());
     (void) unused;
     if (!reached || owner != getpid())
-        return;
-    if (status != 0 || !orderly)
-        stop_tasks();
-    if (orderly) {
-        begin_to_end();
-        m.n = status == 0;
-        shim_call(&m);
-        fflush(stdout);
-        snprintf(who, sizeof who, "ended with status %d", status);
-        shim_say(who, m.text);
-    }
-    shim_say_mess();
-    farewell();
-    if (orderly)
-        pthread_join(background, NULL);
+        shim_say_rest();
+    else if (orderly)
+        let_go(status);
+    else
+        end_now();
 }
 
 /* Before main, so that the program's own handlers of exit() run while the arm is still its own. Tasks of RCI are closed
@@ -153,12 +154,11 @@ static void on_signal(int number)
     if (owner == getpid() && ++interrupts == 1) {
         if (number == SIGHUP)
             signal(SIGHUP, SIG_IGN); /* it interrupts nothing that the end has to ask */
-        stop_tasks();
-        say_now(number == SIGINT ? "\n" : "");
-        say_now(program_invocation_short_name);
-        say_now(": interrupted; the arm is brought to rest\n");
-        shim_say_mess();
-        farewell();
+        part(); /* before anything is said: a held terminal holds up no stop */
+        shim_say_now(number == SIGINT ? "\n" : "");
+        shim_say_now(program_invocation_short_name);
+        shim_say_now(": interrupted; the arm is brought to rest\n");
+        end_now();
     }
     _exit(128 + number);
 }
@@ -204,6 +204,18 @@ static const char *engine_module(void)
     return rccl_has_manipulators ? "qrobot.multi_rccl.c" : "qrobot.rccl.c";
 }
 
+/* All but the standard streams: whoever reads a pipe of the program's would wait for the end of the engine too. */
+static void close_files_on_exec(void)
+{
+    const unsigned first = STDERR_FILENO + 1;
+#ifdef CLOSE_RANGE_CLOEXEC
+    if (!close_range(first, ~0U, CLOSE_RANGE_CLOEXEC))
+        return;
+#endif
+    for (int fd = (int) first; fd < MOST_FILES; fd++) /* Linux before 5.11 */
+        fcntl(fd, F_SETFD, FD_CLOEXEC);
+}
+
 static void become_engine(const int *theirs)
 {
     char foreground[12], background[12];
@@ -211,6 +223,7 @@ static void become_engine(const int *theirs)
     int nothing = open("/dev/null", O_RDONLY);
     setsid(); /* what interrupts the program must not interrupt whoever brings the arm to rest */
     signal(SIGPIPE, SIG_DFL);
+    close_files_on_exec();
     fcntl(theirs[0], F_SETFD, 0);
     fcntl(theirs[1], F_SETFD, 0);
     dup2(nothing, STDIN_FILENO);
@@ -287,9 +300,10 @@ int shim_has_engine(void)
     return owner == getpid();
 }
 
-/* The engine sees the end of the program, though a child of it lives on. */
+/* The engine sees the end of the program, though a child of it lives on, and nothing that the child sets. */
 static void close_in_child(void)
 {
+    shim_unshare();
     for (int i = 0; i < 2; i++) {
         if (channels[i] >= 0)
             close(channels[i]);
@@ -326,11 +340,20 @@ static void reach_engine(void)
     __atomic_store_n(&reached, 1, __ATOMIC_RELEASE);
 }
 
-/* Threads whose first calls overlap wait for the one that is first. */
-void shim_start(void)
+static void start_once(void)
 {
     static pthread_mutex_t starting = PTHREAD_MUTEX_INITIALIZER;
+    pthread_mutex_lock(&starting);
+    if (!reached)
+        reach_engine();
+    pthread_mutex_unlock(&starting);
+}
+
+/* Threads whose first calls overlap wait for the one that is first. One that is cancelled meanwhile is afterwards. */
+void shim_start(void)
+{
     static __thread volatile sig_atomic_t in_start;
+    int cancelling;
     if (owner && owner != getpid())
         shim_die("a child of the program has no arm: whoever made the first call makes the others");
     if (__atomic_load_n(&reached, __ATOMIC_ACQUIRE))
@@ -338,9 +361,8 @@ void shim_start(void)
     if (in_start)
         shim_die(SHIM_IN_HANDLER);
     in_start = 1;
-    pthread_mutex_lock(&starting);
-    if (!reached)
-        reach_engine();
-    pthread_mutex_unlock(&starting);
+    pthread_setcancelstate(PTHREAD_CANCEL_DISABLE, &cancelling);
+    start_once();
+    pthread_setcancelstate(cancelling, NULL);
     in_start = 0;
 }

@@ -1,0 +1,168 @@
+"""C programs whose threads ask at the same time: none waits for what another one waits for."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from tests.support.arcl import run_c
+from tests.support.c_programs import compiled, compiled_text, needs_compiler, ran
+from tests.support.faked_c_programs import Run, rests_on_its_way, robot, run
+
+__all__ = ["robot", "run"]  # the fixtures
+
+pytestmark = [needs_compiler, pytest.mark.usefixtures("own_cache")]
+
+MOTION_MS = 100_000
+WAITING = """
+    #include <pthread.h>
+    #include <sched.h>
+    #include <stdlib.h>
+    volatile int moving;
+    void *other(void *unused)
+    {
+        while (!moving)
+            sched_yield();
+        %s
+        return unused;
+    }
+"""
+RCCL = f"""
+    main()
+    {{
+        pthread_t thread;
+        POS_PTR p;
+        pthread_create(&thread, NULL, other, NULL);
+        p = jposition("P", 40., -90., 180., 0., 0., 0.);
+        setime(100., {MOTION_MS}.);
+        move(p);
+        waitas(p->scal > .3)
+        moving = 1;
+        waitfor(completed)
+        pthread_join(thread, NULL);
+        return 0;
+    }}
+"""
+
+
+@pytest.mark.parametrize(("asks", "status"), [("stop(0.);", 0), ("exit(3);", 3)])
+def test_a_thread_gets_its_turn_while_another_one_waits_for_its_arm(asks, status, run: Run, robot) -> None:
+    """Who waits asks at each sample."""
+    assert run(WAITING % asks + RCCL) == status
+    assert rests_on_its_way(robot)
+
+
+@pytest.mark.usefixtures("arcl_alone")
+@pytest.mark.parametrize(
+    ("wait", "asks"),
+    [
+        ("arcl_wait(rp);", "stop(rp);"),
+        ("sem_pend(s);", "sem_give(s);"),
+        ("arcl_wait(rp, is_given);", "sem_give(s);"),
+        ("arcl_wait(rp);", "exit(3);"),
+    ],
+)
+def test_a_wait_of_arcl_gives_way_to_what_another_thread_asks(wait, asks, tmp_path: Path, capfd) -> None:
+    text = f"""
+    #include <arcl.h>
+    #include <stdio.h>
+    static ROBOT *rp;
+    static Semaphore *s;
+    static int is_given(void) {{ return sem_take(s) == OK; }}
+    {WAITING % asks}
+    static void tell(void) {{ printf("ended\\n"); }}
+    int main(void)
+    {{
+        pthread_t thread;
+        atexit(tell);
+        pthread_create(&thread, NULL, other, NULL);
+        s = new_sem("GO");
+        sem_clear(s);
+        rp = arcl_open(0);
+        move(rp, joint_pos(rp, "P", 40., 90., -90., 0., 90., 0.), MOV_TIME, {MOTION_MS}, 0);
+        moving = 1;
+        {wait}
+        pthread_join(thread, NULL);
+        printf("%s\\n", ami_treal(rp) < {MOTION_MS / 2} ? "on its way" : "too late");
+        stop(rp);
+        arcl_wait(rp);
+        return 0;
+    }}
+    """
+    source = tmp_path / "waits.c"
+    source.write_text(text)
+    status = run_c(compiled(source, tmp_path, "-pthread"), tmp_path)
+    said = capfd.readouterr().out
+    assert status == (3 if "exit" in asks else 0)
+    assert said.endswith("ended\n")
+    assert said.count("on its way") == (status == 0)
+
+
+def test_a_thread_that_is_cancelled_in_a_call_leaves_its_turn_to_the_others(run: Run, robot) -> None:
+    text = f"""
+    #include <pthread.h>
+    #include <sched.h>
+    volatile int moving;
+    POS_PTR p;
+    void *waits(void *unused)
+    {{
+        waitas(p->scal > .3)
+        moving = 1;
+        waitfor(completed)
+        return unused;
+    }}
+    main()
+    {{
+        pthread_t thread;
+        void *left;
+        p = jposition("P", 40., -90., 180., 0., 0., 0.);
+        setime(100., {MOTION_MS}.);
+        move(p);
+        pthread_create(&thread, NULL, waits, NULL);
+        while (!moving)
+            sched_yield();
+        pthread_cancel(thread);
+        pthread_join(thread, &left);
+        stop(0.);
+        waitfor(completed)
+        return left == PTHREAD_CANCELED ? 0 : 7;
+    }}
+    """
+    assert run(text) == 0
+    assert rests_on_its_way(robot)
+
+
+def test_a_pipe_that_a_program_has_opened_before_its_first_call_ends_when_it_closes_it(tmp_path: Path) -> None:
+    """Its engine must not hold the other end: `pclose` would wait for the end of the program."""
+    text = """
+    main() {
+        FILE *pipe = popen("cat >/dev/null", "w");
+        newtrans("A", varb);
+        return pclose(pipe);
+    }
+    """
+    assert ran(compiled_text(text, tmp_path)) == (0, "", "")
+
+
+def test_what_a_child_of_a_program_sets_stays_with_the_child(run: Run, robot) -> None:
+    text = """
+    #include <sys/wait.h>
+    #include <unistd.h>
+    main() {
+        int status;
+        TRSF_PTR a = gentr_trsl("A", 1., 2., 3.);
+        if (!fork()) {
+            if (a->p.x != 1. || nextmove != 0)
+                _exit(8);
+            a->p.x = 7.;
+            nextmove = 5;
+            terminate = 1;
+            _exit(a->p.x == 7. && terminate == 1 ? 0 : 9);
+        }
+        wait(&status);
+        gentr_trsl("B", 1., 2., 3.);
+        return a->p.x == 1. && nextmove == 0 && terminate == 0 ? WEXITSTATUS(status) : 7;
+    }
+    """
+    assert run(text) == 0
