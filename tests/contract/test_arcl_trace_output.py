@@ -104,7 +104,7 @@ def test_a_stdout_that_is_held_keeps_no_arm_waiting(
         """Be asked with the lock of all arms held, as a function in C is before which traces are printed."""
         trace_output.settle()
         trace_output.say("asked")
-        return not rp.moving
+        return all(motion.code is not None for motion in motions)
 
     arcl_wait(rp, arrived)
     assert set(flushes) == {trace_output.SAMPLE_PATIENCE_S}
