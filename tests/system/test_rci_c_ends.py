@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+from qrobot.faultcodes import FaultCode
 from qrobot.modecodes import Mode
 from tests.support.c_programs import compiled, compiled_text, needs_compiler
 from tests.support.fake_robot import FakeRobot, TcpRobot
@@ -30,7 +31,7 @@ def make(own_cache: None, tmp_path_factory: pytest.TempPathFactory) -> Make:
 
 
 class LeavableRobot(FakeRobot):
-    """A robot that tells when its client has gone, in whatever way."""
+    """A robot that tells when its client has gone, in whatever way, and stops then, as one behind a bridge does."""
 
     def __init__(self) -> None:
         super().__init__(tuple(PARK), patience=1 << 30)
@@ -38,6 +39,8 @@ class LeavableRobot(FakeRobot):
 
     def forget_client(self) -> None:
         super().forget_client()
+        if self.mode is Mode.TRACKING:
+            self.halt(FaultCode.STREAM_LOST)
         self.left += 1
 
 
@@ -79,12 +82,14 @@ def test_an_arm_is_stopped_and_let_go_when_nothing_is_left_for_another_thread(
 ) -> None:
     robot = LeavableRobot()
     with begun(make("rci_no_more_threads"), lack, *then, robot=robot) as process:
-        said, _ = process.communicate(timeout=PATIENCE_S)
+        said, told = process.communicate(timeout=PATIENCE_S)
+        wait_until(lambda: robot.left == 2, "the end of both connections")
     rogue, arm = said.splitlines()
     assert rogue == "task rogue: one of its functions takes longer than 0.05 s and was given up"
     assert arm.startswith("task puma560: its processor has no thread any more: ")
-    assert process.returncode == 0  # it went on when there was a thread again
-    assert (robot.goodbyes, robot.mode) == (2, Mode.OFF if then else Mode.HOLDING)
+    assert process.returncode == 0, told  # it went on when there was a thread again
+    assert robot.goodbyes >= 1  # a reset may overtake the first
+    assert robot.mode == (Mode.OFF if then else Mode.HOLDING)
 
 
 @pytest.mark.parametrize("words", [[], ["task"]], ids=["by the program", "by a task"])

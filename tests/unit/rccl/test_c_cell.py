@@ -12,7 +12,7 @@ from qrobot.c_transport.callback_slot import SLOT_WORDS, CallbackSlot
 from qrobot.c_transport.message import Op
 from qrobot.cli import toolchain
 
-WORDS = "called", "op", "ref", "processor", "done", "asking", "looking"
+WORDS = "called", "op", "ref", "processor", "done", "asking", "looking", "waiting"
 PLACE = 4096
 
 
