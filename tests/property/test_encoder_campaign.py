@@ -85,6 +85,18 @@ def test_rate_and_estimator_make_no_difference(rate_hz: float, velocity: str, mo
         assert result.degrees <= DEGREES
 
 
+@pytest.mark.parametrize("cycles", [2, 3])
+def test_behind_a_board_that_is_asked_seldom_it_is_found_as_soon(cycles: int) -> None:
+    """What a joint has missed is reckoned over all of the time between two images."""
+    for joint, moving in ((1, True), (2, True), (1, False), (3, False)):
+        result = run_case(Case(joint, 1.0, moving, False), cycles=cycles, pots=False, board_timeout_ms=20.0)
+        assert result.code is FaultCode.ENC_STUCK
+        assert result.degrees <= DEGREES
+    result = run_case(Case(1, 0.02, False, False), cycles=cycles, pots=False, board_timeout_ms=20.0)
+    asked_always = run_case(Case(1, 0.02, False, False), pots=False)
+    assert result.degrees <= 1.05 * asked_always.degrees
+
+
 @pytest.mark.parametrize("joint", [1, 2, 3])
 def test_holding_still_an_arm_with_a_dead_encoder_stays_where_it_is(joint: int) -> None:
     arm = SlowArm(Case(joint, 0.0, False, True, 0))
@@ -193,9 +205,20 @@ def test_the_coarse_converter_of_revision_e_accuses_no_slow_joint(table: bool) -
     assert Mode(rig.mailbox.snapshot().mode) is Mode.TRACKING
 
 
-@pytest.mark.parametrize(("rate_hz", "velocity", "draw"), [(1000.0, "difference", 2), (4000.0, "observer", 3)])
-def test_a_wrong_model_and_an_unknown_load_are_no_dead_encoder(rate_hz: float, velocity: str, draw: int) -> None:
-    arm = SlowArm(Case(1, 0.0, False, True, draw), rate_hz, velocity=velocity)
+@pytest.mark.parametrize(
+    ("rate_hz", "velocity", "draw", "cycles"),
+    [
+        (1000.0, "difference", 2, 1),
+        (4000.0, "observer", 3, 1),
+        (1000.0, "difference", 2, 3),
+        (1000.0, "observer", 3, 2),
+    ],
+)
+def test_a_wrong_model_and_an_unknown_load_are_no_dead_encoder(
+    rate_hz: float, velocity: str, draw: int, cycles: int
+) -> None:
+    table, settings = cycles == 1, {} if cycles == 1 else {"pots": False, "board_timeout_ms": 20.0}
+    arm = SlowArm(Case(1, 0.0, False, table, draw), rate_hz, cycles=cycles, velocity=velocity, **settings)
     path = random_path(draw, 30.0)
     slow = path[0] + np.cumsum(np.repeat(np.diff(path[:200], axis=0) / 20.0, 3, axis=0), axis=0)
     home = np.linspace(arm.start, path[0], 150)

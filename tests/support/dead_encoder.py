@@ -18,6 +18,7 @@ from qrobot.servo.settings import ServoSettings
 from qrobot.sim_board.emulator import Emulator
 from qrobot.sim_board.mismatch import PlantMismatch
 from tests.support.campaign import FRAME_NS, FRAME_S, PUMA, N
+from tests.support.transport_rig import RareRig
 
 TABLE = load_table("puma560", PUMA)
 STEP_S = FRAME_S / 14
@@ -71,14 +72,19 @@ def reference(speed: float, t: float) -> float:
 
 
 class SlowArm:
-    """An arm that holds, ready for a motion of one joint."""
+    """An arm that holds, ready for a motion of one joint; its board is asked once in so many `cycles` of the servo."""
 
-    def __init__(self, case: Case, rate_hz: float = 1000.0, *faults: str, **settings: Any) -> None:
+    def __init__(self, case: Case, rate_hz: float = 1000.0, *faults: str, cycles: int = 1, **settings: Any) -> None:
         mismatch = PlantMismatch.nominal(N) if case.draw is None else PlantMismatch.mismatched(N, seed=case.draw)
         load = 0.0 if case.draw is None else 2.5
         plant = Emulator(PUMA, start="park", physics="rigid", payload_kg=load, mismatch=mismatch)
         servo = ServoSettings(rate_hz=rate_hz, calibration=TABLE if case.table else None, **settings)
-        self.case, self.rig = case, LockstepRig(PUMA, servo, plant, keep_telemetry=False)
+        self.case = case
+        self.rig = (
+            LockstepRig(PUMA, servo, plant, keep_telemetry=False)
+            if cycles == 1
+            else RareRig(PUMA, servo, plant, cycles, keep_telemetry=False)
+        )
         for fault in faults:
             plant.faults.add(fault)
         self.rig.run_for(0.3)
@@ -127,9 +133,9 @@ class SlowArm:
         return Result(FaultCode(incident.code), (incident.t_ns - began) * 1e-9, way)
 
 
-def run_case(case: Case, rate_hz: float = 1000.0, **settings: Any) -> Result:
+def run_case(case: Case, rate_hz: float = 1000.0, cycles: int = 1, **settings: Any) -> Result:
     """Pull the cable out and see."""
-    arm = SlowArm(case, rate_hz, **settings)
+    arm = SlowArm(case, rate_hz, cycles=cycles, **settings)
     if case.moving:
         for _ in range(round(min(RUN_S, 0.5 / abs(case.speed)) / FRAME_S)):
             arm.frame()

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 from qrobot.config import Robot
 from qrobot.errors import LinkError
-from qrobot.hwif.bus import Bus, Endpoint
+from qrobot.hwif.bus import Bus, Endpoint, Operations
 from qrobot.hwif.gateway import Gateway
 from qrobot.rig.lockstep import START_NS, LockstepRig, run_blocks
 from qrobot.servo.settings import ServoSettings
-from qrobot.sim_board.emulator import Emulator
+from qrobot.sim_board.emulator import Emulator, emulator_run
+from tests.support.bus import DirectBus
 from tests.support.stepping_endpoint import SteppingEndpoint
 
 
@@ -56,4 +58,43 @@ class TransportRig(LockstepRig):
             run_blocks(*self.loop_arguments, self.now_ns, 1, 0)
             self.gateway.step(self.now_ns)
             self.now_ns += self.period_ns
+            self.keep()
+
+
+class _RareEndpoint(SteppingEndpoint):
+    """Lets the time since the exchange before pass, and applies the operations then."""
+
+    def apply(self, operations: Operations) -> None:
+        """Move on to the present instant, and apply them there."""
+        self.now_ns = emulator_run(self.emulator.bundle, self.memory, self.now_ns, self.steps)
+        self._board.apply(operations)
+
+
+class RareRig(LockstepRig):
+    """A servo behind a board that is asked once in so many of its cycles, as one on a slow bus is.
+
+    Args:
+        robot, settings, emulator: as of `LockstepRig`.
+        cycles: of the servo, to each exchange.
+    """
+
+    def __init__(
+        self, robot: Robot, settings: ServoSettings, emulator: Emulator, cycles: int, keep_telemetry: bool = True
+    ) -> None:
+        settings = replace(settings, exchange_ms=cycles * settings.period_ns * 1e-6)
+        super().__init__(robot, settings, emulator, keep_telemetry)
+        end = _RareEndpoint(self.emulator, 0, START_NS)
+        self.gateway = Gateway(DirectBus(end), self.board, cycles * self.period_ns, lambda _line: None)
+        assert self.gateway.step(self.now_ns)
+        end.steps = cycles * self.substeps
+        self._cycles, self._done = cycles, 0
+
+    def ticks(self, n: int) -> None:
+        """Advance by `n` servo cycles."""
+        for _ in range(n):
+            run_blocks(*self.loop_arguments, self.now_ns, 1, 0)
+            self.now_ns += self.period_ns
+            self._done += 1
+            if self._done % self._cycles == 0:
+                self.gateway.step(self.now_ns)
             self.keep()

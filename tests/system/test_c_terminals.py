@@ -42,7 +42,7 @@ else:
         os.dup2(1, 2)
         os.execv(program, [program])
     os.close(writing)
-while not os.path.exists(let_go):
+while not os.path.exists(let_go) and os.getppid() != 1:
     time.sleep(0.001)
 if kind == "terminal":
     os.write(screen, b"\\x11")

@@ -87,7 +87,7 @@ def watch_encoder(params: ServoParameters, state: ServoState, j: int) -> None:
         SCALE_SHARE * abs(watch.load[j]),
     )  # fmt: skip
     watch.missing_v[j], watch.missing[j] = predict_travel(
-        torque, least, greatest, params.inertia[j], state.dt, watch.missing_v[j], watch.missing[j]
+        torque, least, greatest, params.inertia[j], watch.sample_s, watch.missing_v[j], watch.missing[j]
     )
     watch.driven[j] = 1 if abs(state.q_ref[j] - watch.q_ref_then[j]) > DRIVEN_COUNTS * unit else watch.driven[j]
     watching = pot_is_watching(state, j)
