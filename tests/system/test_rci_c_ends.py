@@ -108,6 +108,16 @@ def test_a_bridge_misses_a_program_in_c_that_is_killed_though_a_child_of_it_live
     assert robot.goodbyes == 0
 
 
+def test_a_child_that_is_forked_while_a_task_connects_has_no_socket_and_keeps_its_own_stdin(make: Make) -> None:
+    robot = LeavableRobot()
+    with begun(make("rci_forks_connecting"), robot=robot) as process:
+        said, told = process.communicate(timeout=PATIENCE_S)
+    assert process.returncode == 0, told
+    children = [line.split(": ") for line in said.splitlines()]
+    assert {where for where, _ in children} == {"zeroed", "connects"}
+    assert {has for _, has in children} == {"3 streams, 0 sockets"}
+
+
 def test_processors_take_no_standard_stream_that_was_closed(tmp_path: Path) -> None:
     """What the program prints would wake them, and what it reads would be taken from them."""
     text = """

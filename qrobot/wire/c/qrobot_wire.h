@@ -958,8 +958,9 @@ static inline int qrw_write(struct qrobot_link *link, const unsigned char *data,
 #define QRW_CLOEXEC 0
 #endif
 
-/* One try. Returns the socket, or -1 with errno. */
-static inline int qrw_open(const struct addrinfo *where, int64_t until_ns)
+/* One try. The socket is link->fd while it connects as well: a child that is forked meanwhile can close it. Where none
+ * is left, link->fd is -1, and errno says why. */
+static inline void qrw_open(struct qrobot_link *link, const struct addrinfo *where, int64_t until_ns)
 {
     int fd = socket(where->ai_family, where->ai_socktype | QRW_CLOEXEC, where->ai_protocol), error = 0, yes = 1;
     socklen_t size = sizeof error;
@@ -971,7 +972,8 @@ static inline int qrw_open(const struct addrinfo *where, int64_t until_ns)
         fd = higher;
     }
     if (fd < 0)
-        return -1;
+        return;
+    link->fd = fd;
     if (fcntl(fd, F_SETFL, O_NONBLOCK) == 0 && fcntl(fd, F_SETFD, FD_CLOEXEC) == 0 &&
         (connect(fd, where->ai_addr, where->ai_addrlen) == 0 || errno == EINPROGRESS)) {
         if (!qrw_wait(fd, POLLOUT, until_ns))
@@ -979,12 +981,12 @@ static inline int qrw_open(const struct addrinfo *where, int64_t until_ns)
         else
             getsockopt(fd, SOL_SOCKET, SO_ERROR, &error, &size);
         if (error == 0 && setsockopt(fd, IPPROTO_TCP, TCP_NODELAY, &yes, sizeof yes) == 0)
-            return fd;
+            return;
     }
     error = error ? error : errno;
+    link->fd = -1;
     close(fd);
     errno = error;
-    return -1;
 }
 
 /* Host and port of an address, as in qrobot_connect. */
@@ -1048,7 +1050,7 @@ static inline int qrw_reach(struct qrobot_link *link, const char *host, int numb
                         unknown == EAI_SYSTEM ? strerror(errno) : gai_strerror(unknown));
     errno = EHOSTUNREACH;
     for (each = found; each != NULL && link->fd < 0; each = each->ai_next)
-        link->fd = qrw_open(each, until_ns);
+        qrw_open(link, each, until_ns);
     error = errno;
     freeaddrinfo(found);
     if (link->fd >= 0)

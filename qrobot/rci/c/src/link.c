@@ -19,7 +19,6 @@ static int greet(const RCI_TASK *td, struct qrobot_link *link)
     struct arm arm;
     int status;
 
-    qrobot_begin(link);
     if ((status = rci_find_arm(td, link, &arm)) != QROBOT_OK)
         return status;
     if (!rci_program.virtual_time)
@@ -54,6 +53,7 @@ int rci_link_open(RCI_TASK *td, int power_off, const char *call)
                         td->name);
     if ((link = calloc(1, sizeof *link)) == NULL)
         return rci_fail("%s: no memory", call);
+    qrobot_begin(link);
     set_greeting(link);
     if (greet(td, link) != QROBOT_OK || link->joints != td->robot->n) {
         if (link->fd >= 0)
@@ -99,13 +99,14 @@ void rci_link_close(RCI_TASK *td, const char *reason)
     td->inside->link = NULL;
 }
 
-/* In a child of the program: close its copies of all links, without a word. */
+/* In a child of the program: close its copies of all links, without a word. A link that is about to connect has been
+ * zeroed just now, or has no socket; one that connects has one, which is above the standard streams. */
 void rci_links_leave(void)
 {
     for (int i = 0; i < rci_program.n_tasks; i++)
         if (rci_program.tasks[i]->inside->link != NULL)
             qrw_close(rci_program.tasks[i]->inside->link);
-    if (rci_program.greeting != NULL)
+    if (rci_program.greeting != NULL && rci_program.greeting->fd > STDERR_FILENO)
         qrw_close(rci_program.greeting);
 }
 
