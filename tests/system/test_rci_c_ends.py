@@ -92,6 +92,15 @@ def test_an_arm_is_stopped_and_let_go_when_nothing_is_left_for_another_thread(
     assert robot.mode == (Mode.OFF if then else Mode.HOLDING)
 
 
+def test_nobody_waits_for_a_bridge_that_takes_no_stop_when_nothing_is_left_for_another_thread(make: Make) -> None:
+    """The lock of all tasks is held meanwhile."""
+    robot = LeavableRobot()
+    with begun(make("rci_no_more_threads"), "thread", "full", robot=robot) as process:
+        said, told = process.communicate(timeout=PATIENCE_S)
+    assert process.returncode == 0, told
+    assert said.splitlines()[2:] == ["tried to send, waited 0 times"]
+
+
 @pytest.mark.parametrize("words", [[], ["task"]], ids=["by the program", "by a task"])
 def test_a_bridge_misses_a_program_in_c_that_is_killed_though_a_child_of_it_lives(words: list[str], make: Make) -> None:
     robot = LeavableRobot()

@@ -76,8 +76,8 @@ int rci_processor_start(struct processor *processor)
     return 0;
 }
 
-/* Ask for a stop, in answer to the newest state. What has come is read: else the end of the connection would take the
- * command back (RFC 9293, 3.6.1). */
+/* Ask for a stop, in answer to the newest state, by one try: the lock is held. What has come is read: else the end of
+ * the connection would take the command back (RFC 9293, 3.6.1). */
 static void ask_for_stop(RCI_TASK *td)
 {
     struct rci_inside *in = td->inside;
@@ -87,6 +87,7 @@ static void ask_for_stop(RCI_TASK *td)
     rci_cycle_stop(&in->cycle, 0);
     rci_cycle_step(td, rci_now_ns());
     rci_cycle_answer(td);
+    in->link->timeout_ms = 0;
     (void)qrobot_send(in->link, &in->cycle.command);
 }
 
