@@ -13,8 +13,9 @@ static struct {
     pthread_mutex_t lock;                  /* held while a line is copied, and while nothing is written */
     sem_t more;
     pthread_t thread;
-    int running, over;
+    int running, over, noting;             /* the last: how many lines are missing is being written */
     long put, written, lost;               /* lines */
+    long given_up;                         /* so many of them were waited for at an end, and are not again */
     char lines[LINES][LINE_BYTES];
 } told;
 static __thread char unsaid[LINE_BYTES];   /* while this thread has the lock of all tasks */
@@ -23,8 +24,8 @@ void rci_tell_begin(void)
 {
     rci_make_lock(&told.lock);
     sem_init(&told.more, 0, 0);
-    told.running = told.over = 0;
-    told.put = told.written = told.lost = 0;
+    told.running = told.over = told.noting = 0;
+    told.put = told.written = told.lost = told.given_up = 0;
     unsaid[0] = '\0';
 }
 
@@ -59,7 +60,7 @@ static void write_line(const char *text)
     }
 }
 
-enum next { NOTHING, LINE, NOTE };
+enum next { NOTHING, LINE, NOTE, OVER };
 
 /* The next line, or behind the last one a note of how many there was no room for. */
 static enum next next_line(char line[LINE_BYTES])
@@ -68,12 +69,15 @@ static enum next next_line(char line[LINE_BYTES])
     enum next found = NOTHING;
 
     lock(&before);
-    if (told.written < told.put) {
+    if (told.over) {
+        found = OVER;
+    } else if (told.written < told.put) {
         memcpy(line, told.lines[told.written % LINES], LINE_BYTES);
         found = LINE;
     } else if (told.lost > 0) {
         snprintf(line, LINE_BYTES, "rci: %ld lines are missing here: stderr took none", told.lost);
         told.lost = 0;
+        told.noting = 1;
         found = NOTE;
     }
     unlock(&before);
@@ -83,21 +87,22 @@ static enum next next_line(char line[LINE_BYTES])
 static void *write_lines(void *argument)
 {
     char line[LINE_BYTES];
+    struct sched_param none;
     sigset_t before;
     enum next found;
-    int over = 0;
 
     rci_signals_are_blocked();
-    while (!over) {
-        sem_wait(&told.more);
-        while ((found = next_line(line)) != NOTHING) {
-            write_line(line);
-            lock(&before);
-            told.written += found == LINE;
-            unlock(&before);
+    memset(&none, 0, sizeof none);
+    pthread_setschedparam(pthread_self(), SCHED_OTHER, &none); /* the planning program may have a priority */
+    while ((found = next_line(line)) != OVER) {
+        if (found == NOTHING) {
+            sem_wait(&told.more);
+            continue;
         }
+        write_line(line);
         lock(&before);
-        over = told.over;
+        told.written += found == LINE;
+        told.noting = 0;
         unlock(&before);
     }
     return argument;
@@ -119,7 +124,11 @@ int rci_tell_start(void)
     return error == 0 ? 0 : rci_fail("rci_start: no thread: %s", strerror(error));
 }
 
-#define ALL (-1L)
+/* Whether so many lines were written, and nothing else is to be. told.lock is held. */
+static int is_told(long number)
+{
+    return told.written >= number && told.lost == 0 && !told.noting;
+}
 
 /* Wait until a number of lines were written, or for so long. Returns whether they were. */
 static int await(long number, int64_t longest_ns)
@@ -131,30 +140,43 @@ static int await(long number, int64_t longest_ns)
 
     for (;;) {
         lock(&before);
-        done = told.written >= (number == ALL ? told.put : number);
+        done = is_told(number);
         unlock(&before);
-        if (done || qrobot_now_ns() > until_ns)
+        if (done || qrobot_now_ns() >= until_ns)
             return done;
         nanosleep(&moment, NULL);
     }
 }
 
-/* Wait a second at most for what is still to be written. */
+/* Wait a second at most for what is still to be written, and never again for the same. Returns whether it was. */
 int rci_tell_all(void)
 {
-    return !told.running || await(ALL, END_NS);
+    sigset_t before;
+    long number, given_up;
+
+    if (!told.running)
+        return 1;
+    lock(&before);
+    number = told.put;
+    given_up = told.given_up;
+    told.given_up = number;
+    unlock(&before);
+    return await(number, number > given_up ? END_NS : 0);
 }
 
 /* End the thread, unless it is held: then it writes on when it can. */
 void rci_tell_end(void)
 {
     sigset_t before;
+    int over;
 
     if (!told.running || !rci_tell_all())
         return;
     lock(&before);
-    told.over = 1;
+    over = told.over = is_told(told.put); /* a function that was given up may have said more */
     unlock(&before);
+    if (!over)
+        return;
     sem_post(&told.more);
     pthread_join(told.thread, NULL);
     told.running = 0;
