@@ -194,6 +194,7 @@ void rci_close_at_exit(void);
 void rci_begin_stop(void);
 
 /* share.c */
+struct mailbox *rci_parents_mailbox(void);
 struct mailbox *rci_mailbox(void);
 void rci_mailbox_free(struct mailbox *mailbox);
 void rci_areas_free(void);

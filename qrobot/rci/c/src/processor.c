@@ -34,17 +34,21 @@ static int is_allowed_cpu(int cpu)
 /* A pipe above the standard streams, which may be closed: what the program prints is no order. Returns 0, or -1. */
 static int make_pipe(int ends[2])
 {
-    int low[2];
+    int low[2], error = 0;
 
     if (pipe2(low, O_CLOEXEC | O_NONBLOCK) != 0)
         return -1;
     for (int i = 0; i < 2; i++) {
         ends[i] = fcntl(low[i], F_DUPFD_CLOEXEC, STDERR_FILENO + 1);
+        error = ends[i] < 0 ? errno : error;
         close(low[i]);
     }
-    if (ends[0] >= 0 && ends[1] >= 0)
+    if (error == 0)
         return 0;
-    close(ends[0] >= 0 ? ends[0] : ends[1]);
+    for (int i = 0; i < 2; i++)
+        if (ends[i] >= 0)
+            close(ends[i]);
+    errno = error;
     return -1;
 }
 

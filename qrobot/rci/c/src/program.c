@@ -153,7 +153,7 @@ void rci_begin(void)
     p->parent.bit = RCI_PARENT;
     p->parent.processor = "host";
     p->parent.inside = &p->parent_inside;
-    p->parent_inside.mailbox = rci_mailbox();
+    p->parent_inside.mailbox = rci_parents_mailbox();
 }
 
 /* 1 for a task of this program; otherwise 0, and says so. */
@@ -297,10 +297,8 @@ static void forget_all(int lost)
 
     for (int i = 0; i < p->n_tasks && !lost; i++)
         forget(p->tasks[i]);
-    if (!lost) {
+    if (!lost)
         rci_areas_free();
-        rci_mailbox_free(p->parent_inside.mailbox);
-    }
     p->n_tasks = p->begun = p->sealed = 0;
     p->areas = NULL;
     memset(&p->parent_inside, 0, sizeof p->parent_inside);
