@@ -224,13 +224,18 @@ class ArclRobot(PathCalls, LineCalls):
 
         def done() -> bool:
             self._raise_error()
-            if not self._motions.busy if predicate is None else predicate():
+            return not self._motions.busy if predicate is None else bool(predicate())
+
+        has_ended = heard(done)
+
+        def watched() -> bool:
+            if has_ended():
                 return True
             standstill.check()
             return False
 
         try:
-            self.ami.wait(heard(done))
+            self.ami.wait(watched)
         except (LinkError, ServoFault) as error:
             self._tell_loss(error)
             raise

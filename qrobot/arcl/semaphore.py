@@ -55,7 +55,7 @@ class Semaphore:
         if robots:
             robots[0].wait(self.take)
             return
-        if is_listening():  # of a program in C: no other thread of it can ask before this call is done
+        if is_listening():  # of a program in C: its threads ask in turns, and this one would keep all others waiting
             raise MotionError(f"sem_pend: no robot is open, so nothing is left that could set {self.name}")
         with self._changed:
             while not self._changed.wait_for(lambda: self._set, _LOOK_S):

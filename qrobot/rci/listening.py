@@ -54,13 +54,13 @@ def listening(listen: Callable[[], object]) -> Iterator[None]:
 
 
 @contextmanager
-def giving_way(others_wait: Predicate | None) -> Iterator[None]:
-    """Have a wait for an arm in this block raise `GivesWay` at the first sample at which others wait; None: never."""
-    _others.append(others_wait or bool)
+def giving_way(others_wait: Predicate) -> Iterator[None]:
+    """Have a wait for an arm in this block raise `GivesWay` when others wait, once a sample has passed."""
+    _others.append(others_wait)
     try:
         yield
     finally:
-        _others.pop()
+        _others.remove(others_wait)
 
 
 def is_listening() -> bool:
@@ -77,12 +77,16 @@ def listen_once() -> None:
 def heard(predicate: Predicate) -> Predicate:
     """The same predicate of a wait, which raises QRobotError when the program has ended, and may raise `GivesWay`."""
 
+    looked = False
+
     def listened() -> bool:
+        nonlocal looked
         listen_once()
         if predicate():
             return True
-        if any(others_wait() for others_wait in _others):
+        if looked and any(others_wait() for others_wait in _others):
             raise GivesWay
+        looked = True  # the first look is before any sample: two waits would give way to each other for ever
         return False
 
     return listened if _ears else predicate

@@ -2,32 +2,39 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from qrobot.modecodes import Mode
 from tests.support.arcl import run_c
 from tests.support.c_programs import compiled, compiled_text, needs_compiler, ran
-from tests.support.faked_c_programs import Run, rests_on_its_way, robot, run
+from tests.support.faked_c_programs import MOVING, Run, at_rest, rests_on_its_way, robot, run
+from tests.support.patience import PATIENCE_S
 
 __all__ = ["robot", "run"]  # the fixtures
 
 pytestmark = [needs_compiler, pytest.mark.usefixtures("own_cache")]
 
 MOTION_MS = 100_000
-WAITING = """
+THREAD = """
     #include <pthread.h>
     #include <sched.h>
     #include <stdlib.h>
-    volatile int moving;
+    volatile int moving, asking;
     void *other(void *unused)
     {
         while (!moving)
             sched_yield();
+        asking = 1;
         %s
         return unused;
     }
 """
+MOVING_ON = "moving = 1; while (!asking) sched_yield();"
 RCCL = f"""
     main()
     {{
@@ -38,7 +45,7 @@ RCCL = f"""
         setime(100., {MOTION_MS}.);
         move(p);
         waitas(p->scal > .3)
-        moving = 1;
+        {MOVING_ON}
         waitfor(completed)
         pthread_join(thread, NULL);
         return 0;
@@ -49,7 +56,7 @@ RCCL = f"""
 @pytest.mark.parametrize(("asks", "status"), [("stop(0.);", 0), ("exit(3);", 3)])
 def test_a_thread_gets_its_turn_while_another_one_waits_for_its_arm(asks, status, run: Run, robot) -> None:
     """Who waits asks at each sample."""
-    assert run(WAITING % asks + RCCL) == status
+    assert run(THREAD % asks + RCCL) == status
     assert rests_on_its_way(robot)
 
 
@@ -70,7 +77,7 @@ def test_a_wait_of_arcl_gives_way_to_what_another_thread_asks(wait, asks, tmp_pa
     static ROBOT *rp;
     static Semaphore *s;
     static int is_given(void) {{ return sem_take(s) == OK; }}
-    {WAITING % asks}
+    {THREAD % asks}
     static void tell(void) {{ printf("ended\\n"); }}
     int main(void)
     {{
@@ -81,7 +88,7 @@ def test_a_wait_of_arcl_gives_way_to_what_another_thread_asks(wait, asks, tmp_pa
         sem_clear(s);
         rp = arcl_open(0);
         move(rp, joint_pos(rp, "P", 40., 90., -90., 0., 90., 0.), MOV_TIME, {MOTION_MS}, 0);
-        moving = 1;
+        {MOVING_ON}
         {wait}
         pthread_join(thread, NULL);
         printf("%s\\n", ami_treal(rp) < {MOTION_MS / 2} ? "on its way" : "too late");
@@ -95,8 +102,117 @@ def test_a_wait_of_arcl_gives_way_to_what_another_thread_asks(wait, asks, tmp_pa
     status = run_c(compiled(source, tmp_path, "-pthread"), tmp_path)
     said = capfd.readouterr().out
     assert status == (3 if "exit" in asks else 0)
-    assert said.endswith("ended\n")
+    assert "ended\n" in said
     assert said.count("on its way") == (status == 0)
+
+
+TURNING = """
+    TRSF_PTR a, b;
+    volatile event late;
+    int samples;
+    each() { trmult(b, a, a); if (++samples == 100) late++; }
+"""
+
+
+def test_two_threads_wait_at_once_and_functions_of_samples_ask_meanwhile(run: Run, robot) -> None:
+    """On virtual time, which passes in waits alone: one that gave way at once to the other would let none pass."""
+    text = f"""
+    {TURNING}
+    {THREAD % "waitfor(late)"}
+    main()
+    {{
+        pthread_t thread;
+        a = gentr_trsl("A", 1., 2., 3.);
+        b = newtrans("B", varb);
+        control(each);
+        pthread_create(&thread, NULL, other, NULL);
+        setime(100., 4000.);
+        move(jposition("P", 40., -90., 180., 0., 0., 0.));
+        {MOVING_ON}
+        waitfor(completed)
+        pthread_join(thread, NULL);
+        return b->p.x == 2. ? 0 : 7;
+    }}
+    """
+    assert run(text) == 0
+    assert robot.path[-1][0] == pytest.approx(np.radians(40.0))
+
+
+@pytest.mark.usefixtures("arcl_alone")
+@pytest.mark.parametrize("asks", ["arcl_wait(rp, late);", "while (ami_treal(rp) < 500.);"])
+def test_two_waits_of_arcl_and_one_beside_a_thread_that_polls_let_samples_pass(asks, tmp_path: Path, capfd) -> None:
+    text = f"""
+    #include <arcl.h>
+    #include <stdio.h>
+    static ROBOT *rp;
+    static int looks;
+    static int late(void) {{ return ++looks > 20; }}
+    {THREAD % asks}
+    int main(void)
+    {{
+        pthread_t thread;
+        Motion *m;
+        rp = arcl_open(0);
+        pthread_create(&thread, NULL, other, NULL);
+        m = move(rp, joint_pos(rp, "P", 40., 90., -90., 0., 90., 0.), MOV_TIME, 2000, 0);
+        {MOVING_ON}
+        arcl_wait(rp);
+        pthread_join(thread, NULL);
+        return m->code == EVENT_DONE ? late() * 0 : 7;
+    }}
+    """
+    source = tmp_path / "two.c"
+    source.write_text(text)
+    assert run_c(compiled(source, tmp_path, "-pthread"), tmp_path) == 0
+
+
+def test_a_program_that_ends_well_beside_a_thread_that_waits_takes_its_arm_once(run: Run, robot) -> None:
+    """The motions that wait are done, and nobody asks behind the last call."""
+    text = f"""
+    {THREAD % "for (;;) suspendfg();"}
+    main()
+    {{
+        pthread_t thread;
+        pthread_create(&thread, NULL, other, NULL);
+        setime(100., 2000.);
+        move(jposition("P", 40., -90., 180., 0., 0., 0.));
+        {MOVING_ON}
+        return 0;
+    }}
+    """
+    assert run(text) == 0
+    assert (robot.goodbyes, robot.mode) == (1, Mode.HOLDING)
+    assert robot.path[-1][0] == pytest.approx(np.radians(40.0))
+
+
+@pytest.mark.parametrize("status", [0, 3])
+def test_a_thread_that_is_cancelled_may_end_the_program(status: int, run: Run, robot) -> None:
+    text = f"""
+    #include <pthread.h>
+    #include <stdlib.h>
+    main() {{ {MOVING} pthread_cancel(pthread_self()); exit({status}); }}
+    """
+    assert run(text) == status
+    assert at_rest(robot)
+
+
+def test_a_handler_of_exit_that_calls_where_no_engine_could_be_started_ends_soon(tmp_path: Path) -> None:
+    text = """
+    #include <stdlib.h>
+    tidy() { OPEN; }
+    main() { atexit(tidy); newtrans("A", varb); return 0; }
+    """
+    surroundings = os.environ | {"QROBOT_PYTHON": "/nowhere/python"}
+    done = subprocess.run(
+        [compiled_text(text, tmp_path)],
+        check=False,
+        capture_output=True,
+        text=True,
+        timeout=PATIENCE_S,
+        env=surroundings,
+    )
+    assert (done.returncode, done.stdout) == (1, "")
+    assert "name the Python that has qrobot" in done.stderr
 
 
 def test_a_thread_that_is_cancelled_in_a_call_leaves_its_turn_to_the_others(run: Run, robot) -> None:

@@ -47,7 +47,9 @@ class ArclDispatcher:
         if background and arguments.call in WAITING:
             raise MotionError(f"{arguments.call}: a function that ARCL calls must not wait, nor open or close a robot")
         check_values(arguments.call, given := list(arguments))
-        with giving_way(self._others_wait if arguments.call in GIVING_WAY else None):
+        if arguments.call not in GIVING_WAY:
+            return self._told(CALLS[arguments.call](self._objects, arguments.result, given))
+        with giving_way(self._others_wait):
             return self._told(CALLS[arguments.call](self._objects, arguments.result, given))
 
     def _told(self, answer: CallMessage | None) -> CallMessage:

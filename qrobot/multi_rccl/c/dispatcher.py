@@ -73,8 +73,7 @@ class ManipDispatcher:
         if not background:
             _skip(list(self._manips.values()))
         try:
-            with giving_way(self._link.others_wait if call.gives_way else None):
-                answer = call.handler(self, message)
+            answer = call.handler(self, message)
         except UnknownError as error:
             raise MotionError(_in_c(f"{op.name.lower()}: {error}")) from error
         except MotionError as error:
@@ -248,10 +247,11 @@ class ManipDispatcher:
         return CallMessage(Op.REPLY, text=calls.kept(_arm(self, message)))
 
     def next_sample(self, message: CallMessage) -> CallReply:
-        """Wait for it; `text` names the event of ours that the program waits for."""
+        """Wait for it, or give way to another thread; `text` names the event of ours that the program waits for."""
         group = self._program.group
         begin = group.tick
-        self._program.wait(lambda: group.tick != begin, message.text)
+        with giving_way(self._link.others_wait):
+            self._program.wait(lambda: group.tick != begin, message.text)
         return None
 
 
@@ -328,7 +328,7 @@ CALLS: Final[dict[Op, ManipCallRow]] = {
     Op.MANIP_OPEN: CallRow(ManipDispatcher.open, waits=True),
     Op.CONTROL: CallRow(ManipDispatcher.control, waits=True),
     Op.RELEASE: CallRow(ManipDispatcher.release, waits=True),
-    Op.NEXT_SAMPLE: CallRow(ManipDispatcher.next_sample, waits=True, gives_way=True),
+    Op.NEXT_SAMPLE: CallRow(ManipDispatcher.next_sample, waits=True),
     Op.MOVE: _to(calls.move),
     Op.STOP: CallRow(ManipDispatcher.stop),
     Op.MAINTAIN: _to(calls.maintain),

@@ -21,12 +21,10 @@ class CallRow(Generic[D_contra]):
     Attributes:
         handler: does what is asked.
         waits: it lets samples pass, or takes or releases an arm, so no function that is called at a sample may ask it.
-        gives_way: while it waits it may be broken off, and asked again, for the sake of another thread of the program.
     """
 
     handler: Callable[[D_contra, CallMessage], CallReply]
     waits: bool = False
-    gives_way: bool = False
 
 
 class WithObjects(Protocol):

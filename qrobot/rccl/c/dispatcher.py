@@ -82,8 +82,7 @@ class Dispatcher:
         if not background:
             self._look_at_flags()
         try:
-            with giving_way(self._link.others_wait if call.gives_way else None):
-                answer = call.handler(self, message)
+            answer = call.handler(self, message)
         except UnknownError as error:
             raise MotionError(f"{op.name.lower()}: {error}") from error
         self._variables.show_queue(self._arm)
@@ -241,12 +240,13 @@ class Dispatcher:
         return None
 
     def next_sample(self, message: CallMessage) -> CallReply:
-        """Wait for it; `text` names the event of ours that the program waits for."""
+        """Wait for it, or give way to another thread; `text` names the event of ours that the program waits for."""
         arm = self.arm
         if message.text:
             arm.expect(message.text)
         begin = arm.how.t_ns
-        arm.waitas(lambda: arm.how.t_ns != begin)
+        with giving_way(self._link.others_wait):
+            arm.waitas(lambda: arm.how.t_ns != begin)
         if arm.kept:  # the functions of samples, before which the state is shown else, wait as well
             self._variables.show(arm)
         return None
@@ -341,7 +341,7 @@ CALLS: Final[dict[Op, ArmCallRow]] = {
     # the arm, with transforms, positions or functions of the program
     Op.CONTROL: CallRow(Dispatcher.control, waits=True),
     Op.RELEASE: CallRow(Dispatcher.release, waits=True),
-    Op.NEXT_SAMPLE: CallRow(Dispatcher.next_sample, waits=True, gives_way=True),
+    Op.NEXT_SAMPLE: CallRow(Dispatcher.next_sample, waits=True),
     Op.JPOSITION: CallRow(Dispatcher.jposition),
     Op.MOVE: CallRow(Dispatcher.move),
     Op.EVALFN: CallRow(Dispatcher.evalfn),

@@ -177,11 +177,6 @@ int shim_calling(void)
     return in_call;
 }
 
-int shim_occupied(void)
-{
-    return __atomic_load_n(&turn, __ATOMIC_ACQUIRE) != __atomic_load_n(&turns_taken, __ATOMIC_ACQUIRE);
-}
-
 /* A call that waits for its arm sees it, and gives way. */
 static void show_waiting(void)
 {
@@ -189,22 +184,25 @@ static void show_waiting(void)
     __atomic_store_n(&shim_cell.waiting, asking > 1 ? (int64_t) asking - 1 : 0, __ATOMIC_RELEASE);
 }
 
-/* Threads ask in the order in which they come: one that asks again and again lets the others in. */
-static void take_turn(void)
+/* Threads ask in the order in which they come: one that asks again and again lets the others in. False when somebody
+ * else has the turn, and we do not wait. */
+static int take_turn(int wait)
 {
     pthread_mutex_lock(&turns);
     unsigned long ours = turns_taken;
-    __atomic_store_n(&turns_taken, ours + 1, __ATOMIC_RELEASE);
+    int taken = wait || turn == ours;
+    turns_taken += (unsigned long) taken;
     show_waiting();
-    while (turn != ours)
+    while (taken && turn != ours)
         pthread_cond_wait(&turn_over, &turns);
     pthread_mutex_unlock(&turns);
+    return taken;
 }
 
 static void end_turn(void)
 {
     pthread_mutex_lock(&turns);
-    __atomic_store_n(&turn, turn + 1, __ATOMIC_RELEASE);
+    turn++;
     show_waiting();
     pthread_cond_broadcast(&turn_over);
     pthread_mutex_unlock(&turns);
@@ -213,23 +211,24 @@ static void end_turn(void)
 static void ask_in_turn(struct message *m)
 {
     in_call = 1;
-    take_turn();
+    take_turn(1);
     converse(foreground, m);
     end_turn();
     in_call = 0;
 }
 
+/* A function asks on the channel on which it was called. */
+static void ask_in_function(struct message *m)
+{
+    by_message = 1;
+    __atomic_store_n(&shim_cell.asking, newest, __ATOMIC_RELEASE);
+    converse(served, m);
+}
+
 /* Until it is answered: a call that has given way to another thread's is asked again. */
-static void ask(struct message *m)
+static void ask_until_answered(struct message *m)
 {
     const struct message asked = *m;
-    shim_start();
-    if (served >= 0) {
-        by_message = 1;
-        __atomic_store_n(&shim_cell.asking, newest, __ATOMIC_RELEASE);
-        converse(served, m);
-        return;
-    }
     do {
         *m = asked;
         ask_in_turn(m);
@@ -244,7 +243,11 @@ struct message *shim_ask(struct message *m)
     if (in_call)
         shim_die(SHIM_IN_HANDLER);
     pthread_setcancelstate(PTHREAD_CANCEL_DISABLE, &cancelling);
-    ask(m);
+    shim_start();
+    if (served >= 0)
+        ask_in_function(m);
+    else
+        ask_until_answered(m);
     pthread_setcancelstate(cancelling, NULL);
     pthread_testcancel();
     return m;
@@ -255,6 +258,18 @@ struct message *shim_call(struct message *m)
     if (shim_ask(m)->op == OP_ERROR)
         shim_die(m->text);
     return m;
+}
+
+int shim_call_last(struct message *m, int wait)
+{
+    if (!take_turn(wait))
+        return 0;
+    in_call = 1;
+    converse(foreground, m);
+    in_call = 0;
+    if (m->op == OP_ERROR)
+        shim_die(m->text);
+    return 1;
 }
 
 static int hear_call(int channel, struct message *m)
@@ -362,7 +377,7 @@ void shim_wait_closed(int timeout_ms)
     struct message m;
     struct pollfd wanted = {foreground, POLLIN, 0};
     long left, until = now_ns() + timeout_ms * 1000000L;
-    while ((left = until - now_ns()) > 0) {
+    while (foreground >= 0 && (left = until - now_ns()) > 0) {
         int ready = poll(&wanted, 1, (int) (left / 1000000 + 1));
         if (ready == 0 || (ready < 0 && errno != EINTR))
             return;

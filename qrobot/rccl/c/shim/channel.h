@@ -155,9 +155,9 @@ void shim_globals(int64_t *refs);
 struct message shim_message(enum op op, const char *text);
 struct message *shim_ask(struct message *m); /* Ask the engine; the answer, OP_REPLY or OP_ERROR, stands in m. */
 int shim_serving(void); /* True in a function that the engine calls. */
-int shim_occupied(void); /* True while a thread of the program asks, or waits for its turn to. */
 int shim_calling(void); /* True in a handler of a signal that has interrupted a call, and in what it has jumped to. */
 struct message *shim_call(struct message *m); /* Ask the engine; the answer stands in m. Ends the program on an error. */
+int shim_call_last(struct message *m, int wait); /* Likewise, and no thread asks behind it. False when it would have to wait. */
 void shim_open(int foreground);
 void shim_serve(int channel); /* Obey the engine until it closes the channel. */
 void shim_close(void); /* Nothing more will be asked. */
@@ -180,6 +180,7 @@ void shim_say(const char *who, const char *text); /* On stderr, unless there is 
 void shim_say_now(const char *text); /* On stderr; what would have to wait is kept. Async-signal-safe. */
 void shim_say_mess(void); /* Likewise. */
 void shim_say_rest(void); /* What was kept. */
+void shim_forget_unsaid(void); /* In a child of the program. */
 void shim_flush_output(void); /* That of the program, unless it would have to wait. */
 int shim_read_line(char *line, size_t room); /* From stdin; false at its end. */
 

@@ -117,23 +117,31 @@ int shim_share(void)
     return file;
 }
 
-/* Pages of our own with the same content, of which the first bytes are in use. */
-static void own(char *at, size_t used, size_t size)
+/* Pages of our own with the same content. */
+static void own(char *at, size_t size)
 {
-    char *copy = mmap(NULL, size, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS | MAP_NORESERVE, -1, 0);
-    if (copy == MAP_FAILED)
-        _exit(EXIT_FAILURE); /* a child that could move its parent's arm */
-    copy_pages(copy, at, used);
-    if (mremap(copy, size, size, MREMAP_MAYMOVE | MREMAP_FIXED, at) == MAP_FAILED)
-        _exit(EXIT_FAILURE);
+    char *copy = mmap(NULL, size, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
+    if (copy != MAP_FAILED) {
+        copy_pages(copy, at, size);
+        copy = mremap(copy, size, size, MREMAP_MAYMOVE | MREMAP_FIXED, at);
+    }
+    if (copy != MAP_FAILED)
+        return;
+    shim_say_now("a child of the program has no memory to keep its variables apart from the motion engine\n");
+    _exit(EXIT_FAILURE);
 }
 
+/* A child makes no transforms and positions: what is not in use yet it does without. */
 void shim_unshare(void)
 {
     if (!arena)
         return;
-    own(first_page, (size_t) pages, (size_t) pages);
-    own(arena, (size_t) ((char *) fresh - arena), ARENA_BYTES);
+    size_t page = (size_t) sysconf(_SC_PAGESIZE), used = (size_t) ((char *) fresh - arena);
+    used = (used + page - 1) / page * page;
+    own(first_page, (size_t) pages);
+    if (used)
+        own(arena, used);
+    munmap(arena + used, ARENA_BYTES - used);
 }
 
 int64_t shim_ref(const volatile void *p)

@@ -16,7 +16,7 @@
 
 #define ENGINE "QROBOT_ENGINE" /* two channels, when somebody has started an engine for this program: "3,4" */
 #define PYTHON "QROBOT_PYTHON" /* another Python than that of `qrobot cc` */
-#define MOST_FILES 4096
+#define MOST_FILES 65536
 #define PATIENCE_MS 10000      /* for an arm that comes to rest */
 #define FAVOURED_NICENESS (-10) /* that of qrobot/realtime/setup.py */
 
@@ -43,19 +43,19 @@ static void stop_tasks(void)
         rci_begin_stop();
 }
 
-/* The engine brings the arm to rest from now on. Async-signal-safe. */
+/* The engine brings the arm to rest from now on, and tasks theirs, whatever holds up what is said. Async-signal-safe. */
 static void part(void)
 {
     begin_to_end();
     parted = 1;
     shim_close();
+    stop_tasks();
 }
 
 /* Async-signal-safe. */
 static void end_now(void)
 {
     part();
-    stop_tasks();
     shim_say_mess();
     shim_wait_closed(PATIENCE_MS);
     shim_say_rest();
@@ -85,7 +85,7 @@ void shim_die(const char *text)
     shim_say_mess();
     if (over && !pthread_equal(pthread_self(), ender))
         _exit(1);
-    if (over)
+    if (over && reached && owner == getpid())
         end_now();
     begin_to_end(); /* there is nobody to let go of the arm in an orderly way */
     exit(1);        /* in a handler of exit() too: those that are left follow */
@@ -100,8 +100,9 @@ void *shim_need(void *given, const char *call, const char *what)
     return given;
 }
 
-/* With status 0 when the motions that wait are done. */
-static void let_go(int status)
+/* With status 0 when the motions that wait are done. False when another thread asks, for which an arm does not wait after
+ * an error. */
+static int let_go(int status)
 {
     struct message m = shim_message(OP_RELEASE, "");
     char who[32];
@@ -109,15 +110,17 @@ static void let_go(int status)
         stop_tasks();
     begin_to_end();
     m.n = status == 0;
-    shim_call(&m);
+    if (!shim_call_last(&m, status == 0))
+        return 0;
+    part();
+    shim_wait_closed(PATIENCE_MS);
+    pthread_join(background, NULL);
     fflush(stdout);
     snprintf(who, sizeof who, "ended with status %d", status);
     shim_say(who, m.text);
     shim_say_mess();
-    part();
-    shim_wait_closed(PATIENCE_MS);
-    pthread_join(background, NULL);
     shim_say_rest();
+    return 1;
 }
 
 /* At exit: whoever has an arm lets go of it first; with status 0 when the motions that wait are done (Hayward and Paul's
@@ -126,13 +129,12 @@ static void let_go(int status)
  * be asked. Then the arm comes to rest at once. */
 static void leave(int status, void *unused)
 {
-    int orderly = !over && !shim_serving() && !shim_calling() && (status == 0 || !shim_occupied());
+    int asks = !over && !shim_serving() && !shim_calling();
     (void) unused;
+    pthread_setcancelstate(PTHREAD_CANCEL_DISABLE, NULL);
     if (!reached || owner != getpid())
         shim_say_rest();
-    else if (orderly)
-        let_go(status);
-    else
+    else if (!asks || !let_go(status))
         end_now();
 }
 
@@ -300,15 +302,33 @@ int shim_has_engine(void)
     return owner == getpid();
 }
 
+static __thread sigset_t before_fork;
+
+/* Handlers of signals may set what a child shares until it has parted. */
+static void block_signals(void)
+{
+    sigset_t all;
+    sigfillset(&all);
+    pthread_sigmask(SIG_SETMASK, &all, &before_fork);
+}
+
+static void let_signals_in(void)
+{
+    pthread_sigmask(SIG_SETMASK, &before_fork, NULL);
+}
+
 /* The engine sees the end of the program, though a child of it lives on, and nothing that the child sets. */
-static void close_in_child(void)
+static void part_in_child(void)
 {
     shim_unshare();
+    shim_forget_unsaid();
+    shim_open(-1);
     for (int i = 0; i < 2; i++) {
         if (channels[i] >= 0)
             close(channels[i]);
         channels[i] = -1;
     }
+    let_signals_in();
 }
 
 /* Standard streams that the program was started without would be the numbers of its channels: what it prints is no
@@ -330,9 +350,9 @@ static void reach_engine(void)
                  "without --lockstep and --offline, against `qrobot up`");
     owner = getpid();
     fill_standard_streams();
+    pthread_atfork(block_signals, let_signals_in, part_in_child);
     int file = shim_share();
     find_engine(channels);
-    pthread_atfork(NULL, NULL, close_in_child);
     greet(channels[0], file);
     shim_open(channels[0]);
     start_serving(channels[1]);

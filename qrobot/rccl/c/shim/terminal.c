@@ -3,9 +3,11 @@
  */
 #define _GNU_SOURCE
 #include <errno.h>
+#include <limits.h>
 #include <poll.h>
 #include <signal.h>
 #include <stdio.h>
+#include <stdio_ext.h>
 #include <string.h>
 #include <unistd.h>
 
@@ -38,12 +40,17 @@ void shim_say_rest(void)
         *unsaid = 0;
 }
 
+void shim_forget_unsaid(void)
+{
+    *unsaid = 0;
+}
+
 /* What the program has printed stands before what we say, where it can without waiting. */
 void shim_flush_output(void)
 {
     if (ftrylockfile(stdout))
         return;
-    if (is_ready(STDOUT_FILENO))
+    if (__fpending(stdout) <= PIPE_BUF && is_ready(STDOUT_FILENO)) /* so much a pipe that is ready takes */
         fflush(stdout);
     funlockfile(stdout);
 }
