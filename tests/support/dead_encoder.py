@@ -87,9 +87,9 @@ class SlowArm:
         )
         for fault in faults:
             plant.faults.add(fault)
-        self.rig.run_for(0.3)
+        self.rig.run_for(0.3 * cycles)
         self.rig.mailbox.request_power(True)
-        self.rig.run_for(0.5)
+        self.rig.run_for(0.5 * cycles)
         assert self.mode is Mode.HOLDING
         self.start = np.array(self.rig.mailbox.snapshot().q_setpoint)
         self.seq = 0

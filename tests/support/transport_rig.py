@@ -5,10 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 
+from qrobot.arrays import Words
 from qrobot.config import Robot
 from qrobot.errors import LinkError
 from qrobot.hwif.bus import Bus, Endpoint, Operations
 from qrobot.hwif.gateway import Gateway
+from qrobot.hwif.image import IMAGE_COUNT
 from qrobot.rig.lockstep import START_NS, LockstepRig, run_blocks
 from qrobot.servo.settings import ServoSettings
 from qrobot.sim_board.emulator import Emulator, emulator_run
@@ -62,12 +64,20 @@ class TransportRig(LockstepRig):
 
 
 class _RareEndpoint(SteppingEndpoint):
-    """Lets the time since the exchange before pass, and applies the operations then."""
+    """Lets the time since the exchange before pass, and applies the operations then. Its images are its answers."""
+
+    answers = 0
 
     def apply(self, operations: Operations) -> None:
         """Move on to the present instant, and apply them there."""
         self.now_ns = emulator_run(self.emulator.bundle, self.memory, self.now_ns, self.steps)
         self._board.apply(operations)
+
+    def read_image(self, image: Words) -> None:
+        """The image of the present instant, which shows nothing yet of what was applied there."""
+        super().read_image(image)
+        self.answers += 1
+        image[IMAGE_COUNT] = self.answers
 
 
 class RareRig(LockstepRig):

@@ -62,6 +62,7 @@ def forget_encoder(state: ServoState, j: int) -> None:
     watch = state.watch
     watch.travel[j], watch.slid[j], watch.q_ref_then[j] = 0, 0.0, state.q_ref[j]
     watch.going[j], watch.driven[j], watch.missing_v[j], watch.missing[j] = 0, 0, 0.0, 0.0
+    watch.push_least[j], watch.push_most[j] = 0.0, 0.0
 
 
 @lean_kernel
@@ -69,8 +70,11 @@ def watch_encoder(params: ServoParameters, state: ServoState, j: int) -> None:
     """Raise an encoder whose joint must have moved since it last counted."""
     watch, limits, unit = state.watch, params.watch, params.watch.unit_per_count[j]
     torque, way = state.tau_motor[j], state.scratch[j] * watch.travel[j]
+    push_least, push_most = min(watch.push_least[j], torque), max(watch.push_most[j], torque)
+    watch.push_least[j], watch.push_most[j] = (push_least, push_most) if state.unseen != 0 else (torque, torque)
     if watch.still_s[j] == 0.0:
-        watch.slid[j] = sliding_torque(torque, watch.travel[j], params.inertia[j], watch.bend[j])
+        slid = push_most if watch.travel[j] > 0 else push_least
+        watch.slid[j] = sliding_torque(slid, watch.travel[j], params.inertia[j], watch.bend[j])
         watch.q_ref_then[j], watch.swept_then[j] = state.q_ref[j], watch.swept
         watch.going[j] = 1 if way > 0.0 else 0
         watch.driven[j], watch.missing_v[j], watch.missing[j] = 0, 0.0, 0.0

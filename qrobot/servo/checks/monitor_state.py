@@ -80,6 +80,8 @@ class WatchState:
     travel: Any  # counts since the motor last turned round, positive with the joint, int64
     going: Any  # 1: its reference has gone on that way since the last count, int64
     slid: Any  # motor torque beyond the load that slid it when the encoder last counted, at most, N m (N)
+    push_least: Any  # motor torque beyond the load since the newest image, the least and the greatest, N m (N)
+    push_most: Any
     missing_v: Any  # speed and way of the joint since then, as far as they are sure, see `servo.checks.dead_encoder`
     missing: Any
     q_ref_then: Any  # reference at the last count
@@ -195,8 +197,8 @@ def make_watch_state(n: int) -> WatchState:
         threshold=vector(), asked=vector(), met=vector(), soft=integers(n),
         over_s=vector(), step=integers(n), along=integers(n),
         counts=integers(n), counts_on=integers(n), still_s=vector(), v_moving=vector(),
-        travel=integers(n), going=integers(n), slid=vector(), missing_v=vector(), missing=vector(), q_ref_then=vector(),
-        swept_then=vector(), bend=vector(), jolt=vector(), late=vector(), v_ref_before=vector(), inertial=vector(),
-        carried=vector(), planned=vector(), allowed=vector(), driven=integers(n),
-        gave_way=vector(), clipped_s=vector(), q_parked=vector(), incident=integers(INCIDENT_WORDS),
+        travel=integers(n), going=integers(n), slid=vector(), push_least=vector(), push_most=vector(),
+        missing_v=vector(), missing=vector(), q_ref_then=vector(), swept_then=vector(), bend=vector(), jolt=vector(),
+        late=vector(), v_ref_before=vector(), inertial=vector(), carried=vector(), planned=vector(), allowed=vector(),
+        driven=integers(n), gave_way=vector(), clipped_s=vector(), q_parked=vector(), incident=integers(INCIDENT_WORDS),
     )  # fmt: skip
