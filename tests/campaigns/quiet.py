@@ -48,8 +48,8 @@ def campaign(seconds: float) -> int:
     wrong, stretches = 0, round(seconds / STRETCH_S)
     for k in range(stretches):
         rate_hz, velocity, cycles = RATES[k % len(RATES)]
-        table = k % 2 == 0 and cycles == 1
-        settings = {} if cycles == 1 else {"board_timeout_ms": PATIENCE_MS, "pots": False}
+        table = k % 2 == 0
+        settings = {} if cycles == 1 else {"board_timeout_ms": PATIENCE_MS}
         arm = SlowArm(Case(1, 0.0, False, table, draw=k), rate_hz, cycles=cycles, velocity=velocity, **settings)
         for seq, q in enumerate(path(np.random.default_rng(k), arm.start, STRETCH_S)):
             arm.rig.mailbox.push_setpoint(1, seq, arm.rig.now_ns, FRAME_NS, [POSITION_SETPOINT] * N, q.tolist())

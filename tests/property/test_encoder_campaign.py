@@ -165,6 +165,38 @@ def test_a_slope_that_the_robot_file_has_wrong_refutes_the_potentiometers_and_st
     assert (rig.state.pots.proof[:3] == REFUTED).all()
 
 
+BEYOND = -3.4  # rad of joint 6, where its potentiometer has stood at an end of its track for six turns of its motor
+
+
+@pytest.mark.parametrize("table", [False, True])
+@pytest.mark.parametrize(("cycles", "draw", "creep"), [(1, 0, 0.05), (2, 0, 0.05), (3, 0, -0.05), (3, None, -0.05)])
+def test_a_potentiometer_at_the_end_of_its_track_accuses_no_encoder(
+    cycles: int, draw: int | None, creep: float, table: bool
+) -> None:
+    """Its reading less what the counts account for goes as far as the motor; a mean of that lags behind."""
+    arm = SlowArm(Case(6, 0.0, False, table, draw), cycles=cycles, board_timeout_ms=20.0)
+    for far, share in ((-3.8, 0.5), (-3.93, 0.95), (-4.06, 0.5), (-4.19, 0.5)):
+        arm.go(far, share)
+        arm.go(far + creep, 0.01)
+        arm.go(-1.5, share)
+    assert read_incident(arm.rig.state.watch.incident) is None
+    assert arm.rig.state.pots.trusted[5] == 1
+    assert arm.rig.state.pots.proof[5] == PROVEN
+
+
+@pytest.mark.parametrize("table", [False, True])
+@pytest.mark.parametrize("speed", [1.0, 0.1, -0.1, -1.0])
+def test_nor_does_it_excuse_one_whose_joint_must_have_moved(speed: float, table: bool) -> None:
+    """It would stand as well if the motor stood."""
+    arm = SlowArm(Case(6, speed, False, table))
+    arm.go(BEYOND)
+    assert abs(arm.rig.state.sensors[5]) < 0.02  # V: its track begins at 0
+    arm.pull_cable()
+    result = arm.suffer()
+    assert result.code is FaultCode.ENC_STUCK
+    assert result.degrees <= DEGREES
+
+
 def test_a_potentiometer_that_goes_with_its_encoder_is_trusted_without_a_table() -> None:
     arm = SlowArm(Case(1, 0.5, True, False))
     assert arm.rig.state.pots.proof[0] == UNPROVEN
@@ -217,8 +249,8 @@ def test_the_coarse_converter_of_revision_e_accuses_no_slow_joint(table: bool) -
 def test_a_wrong_model_and_an_unknown_load_are_no_dead_encoder(
     rate_hz: float, velocity: str, draw: int, cycles: int
 ) -> None:
-    table, settings = cycles == 1, {} if cycles == 1 else {"pots": False, "board_timeout_ms": 20.0}
-    arm = SlowArm(Case(1, 0.0, False, table, draw), rate_hz, cycles=cycles, velocity=velocity, **settings)
+    settings = {} if cycles == 1 else {"board_timeout_ms": 20.0}
+    arm = SlowArm(Case(1, 0.0, False, True, draw), rate_hz, cycles=cycles, velocity=velocity, **settings)
     path = random_path(draw, 30.0)
     slow = path[0] + np.cumsum(np.repeat(np.diff(path[:200], axis=0) / 20.0, 3, axis=0), axis=0)
     home = np.linspace(arm.start, path[0], 150)

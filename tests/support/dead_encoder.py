@@ -8,8 +8,10 @@ from typing import Any
 
 import numpy as np
 
+from qrobot.arrays import Floats
 from qrobot.faultcodes import FaultCode
 from qrobot.modecodes import Mode
+from qrobot.motion import Generator, MoveRequest, SpeedShare, motion_limits
 from qrobot.rig.lockstep import LockstepRig
 from qrobot.servo.calibration.table import load_table
 from qrobot.servo.memory.setpoint_queue import POSITION_SETPOINT
@@ -92,7 +94,7 @@ class SlowArm:
         self.rig.run_for(0.5 * cycles)
         assert self.mode is Mode.HOLDING
         self.start = np.array(self.rig.mailbox.snapshot().q_setpoint)
-        self.seq = 0
+        self.seq = self.begun = 0
 
     @property
     def mode(self) -> Mode:
@@ -106,13 +108,30 @@ class SlowArm:
     def frame(self) -> list[float]:
         """Send the next setpoint, and let a sample period pass; where the joint truly was in it, rad."""
         q, path = self.start.copy(), []
-        q[self.case.joint - 1] += reference(self.case.speed, self.seq * FRAME_S)
-        self.rig.mailbox.push_setpoint(1, self.seq, self.rig.now_ns, FRAME_NS, [POSITION_SETPOINT] * N, q.tolist())
-        self.seq += 1
+        q[self.case.joint - 1] += reference(self.case.speed, (self.seq - self.begun) * FRAME_S)
+        self._send(q)
         for _ in range(round(FRAME_S / STEP_S)):
             self.rig.run_for(STEP_S)
             path.append(self.angle)
         return path
+
+    def go(self, angle: float, share: float = 0.3) -> None:
+        """Move the joint to `angle` at that share of its greatest speed; its motion begins anew from there."""
+        generator, goal = Generator(motion_limits(PUMA), FRAME_S, self.start), self.start.copy()
+        goal[self.case.joint - 1] = angle
+        generator.push(MoveRequest("there", goal, SpeedShare(share)))
+        tick, moving = 0, True
+        while moving:
+            tick += 1
+            output = generator.update(tick)
+            self._send(output.q)
+            self.rig.run_for(FRAME_S)
+            moving = output.moving
+        self.start, self.begun = goal, self.seq
+
+    def _send(self, q: Floats) -> None:
+        self.rig.mailbox.push_setpoint(1, self.seq, self.rig.now_ns, FRAME_NS, [POSITION_SETPOINT] * N, q.tolist())
+        self.seq += 1
 
     def pull_cable(self) -> None:
         """From now on the encoder gives nothing."""

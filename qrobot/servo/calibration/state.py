@@ -79,8 +79,9 @@ class PotState:
     total: Any  # float64[n] pot - slope * counts, summed over the readings
     readings: Any  # int64[n]
     average: Any  # float64[n] mean of pot - slope * counts while the joints are driven, see `servo.checks.dead_encoder`
-    newest: Any  # float64[n] of the newest reading
-    followed: Any  # int64[n] readings
+    newest: Any  # float64[n] of the newest reading on its track
+    followed: Any  # int64[n] readings on its track
+    at_end: Any  # int64[n] 1: the newest reading was at an end of its track
     trusted: Any  # int64[n] 0: it made a step that no motor makes
     gone: Any  # int64[n] readings in a row a good way off `average`
     strayed: Any  # int64[n] readings in a row some way off `average`, to one side; negative below it
@@ -104,6 +105,7 @@ def make_pot_state(n: int) -> PotState:
 
     return PotState(
         np.zeros(n), integers(), average=np.zeros(n), newest=np.zeros(n),
-        followed=integers(), trusted=integers(), gone=integers(), strayed=integers(), counts=integers(),
+        followed=integers(), at_end=integers(), trusted=integers(), gone=integers(), strayed=integers(),
+        counts=integers(),
         low=np.zeros(n), high=np.zeros(n), proof=integers(), anchor=np.zeros(n), anchor_counts=integers(),
     )  # fmt: skip

@@ -129,6 +129,23 @@ def follow_pot(
 
 
 @lean_kernel
+def is_at_end(units: float, margin: float, track: float) -> bool:
+    """True of a reading within `margin` of 0 or of `track`, ADC units: the motor may be anywhere beyond that end."""
+    return units < margin or units > track - margin
+
+
+@lean_kernel
+def shown_residue(residue: float, counted: float, track: float) -> float:
+    """Residue that a potentiometer shows whose track goes from 0 to `track`, ADC units: its own, or that of an end.
+
+    Args:
+        residue: reading less what the counts account for, on the track. counted: what they account for now.
+    """
+    units = residue + counted
+    return residue + (min(max(units, 0.0), track) - units)
+
+
+@lean_kernel
 def gone_units(turn: float, spread: float, step: float) -> float:
     """Distance from its mean at which a potentiometer shows a motor that turns, ADC units.
 

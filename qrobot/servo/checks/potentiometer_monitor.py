@@ -15,6 +15,9 @@ robot file, which a deployment may have left as it was, so that one has to earn 
 |                    | or has not gone with its encoder                                 | nothing, until power goes  |
 
 An UNPROVEN one that is dead, absent or wired elsewhere thus never excuses an encoder, nor accuses one by its noise.
+
+A potentiometer stands at an end of its track wherever its motor is beyond it; joint 6 of the PUMA 560 turns so far.
+There it excuses no encoder, and accuses only one whose counts say that it is to be well within its track.
 """
 
 from __future__ import annotations
@@ -25,7 +28,7 @@ from qrobot.faultcodes import NO_JOINT
 from qrobot.hwif.registers import ADC_E_VOLT_PER_COUNT, ADC_F_VOLT_PER_COUNT
 from qrobot.modecodes import Mode
 from qrobot.realtime.jit import lean_kernel
-from qrobot.servo.calibration.potentiometers import MOST_SILENCES, has_table, pot_residue
+from qrobot.servo.calibration.potentiometers import MOST_SILENCES, TRACK_UNITS, has_table, pot_residue
 from qrobot.servo.calibration.state import (
     IMPLAUSIBLE,
     PLAUSIBLE,
@@ -36,7 +39,15 @@ from qrobot.servo.calibration.state import (
     UNPROVEN,
     Stage,
 )
-from qrobot.servo.checks.dead_encoder import FIRST_READINGS, follow_pot, gone_units, has_followed, in_a_row
+from qrobot.servo.checks.dead_encoder import (
+    FIRST_READINGS,
+    follow_pot,
+    gone_units,
+    has_followed,
+    in_a_row,
+    is_at_end,
+    shown_residue,
+)
 from qrobot.servo.kernels.converter import REVISION_E
 from qrobot.servo.modes import gives_torque
 from qrobot.servo.parameters import ServoParameters
@@ -50,6 +61,7 @@ HEARD: Final = 12  # readings of each potentiometer before power, where there is
 QUIET_TURNS: Final = 0.3  # of the motor, within which they lie [A]; noise of the emulated ones makes 0.17
 STEP_E: Final = ADC_E_VOLT_PER_COUNT / ADC_F_VOLT_PER_COUNT  # of 8 bits, ADC units: 0.4 turns
 STRAYED_SHARE: Final = 0.6  # of what shows a motor gone: an answer where the model is sure of missing counts [A]
+END_TURNS: Final = 0.5  # of the motor, so near to an end of its track a potentiometer may stand at it [A]
 CALIBRATING: Final = int(Mode.CALIBRATING)
 SWEEPING: Final = int(Stage.SWEEPING)
 
@@ -153,21 +165,46 @@ def watched(state: ServoState) -> bool:
 @lean_kernel
 def _follow_pot(params: ServoParameters, state: ServoState, j: int) -> None:
     pots, residue = state.pots, pot_residue(params, state, j)
+    counted = params.transmission.pot_per_count[j] * state.counts[j]
     turn = abs(params.transmission.pot_per_count[j]) * params.transmission.counts_per_rev[j]
-    if pots.followed[j] == 0:
+    step = STEP_E if state.revision == REVISION_E else 0.0
+    at_end = is_at_end(residue + counted, END_TURNS * turn + step, TRACK_UNITS)
+    if not at_end:
+        _try_pot(params, state, j, residue, turn)
+    if not at_end or pots.followed[j] > 0:
+        _compare_pot(state, j, residue, counted, turn, step, at_end)
+    pots.at_end[j], pots.counts[j] = 1 if at_end else 0, state.counts[j]
+
+
+@lean_kernel
+def _try_pot(params: ServoParameters, state: ServoState, j: int, residue: float, turn: float) -> None:
+    """Begin or go on with the proof; what a potentiometer did beyond the ends of its track proves nothing."""
+    if state.pots.followed[j] == 0:
         _begin_proof(params, state, j, residue, turn)
+    elif state.pots.at_end[j] != 0:
+        state.pots.anchor[j], state.pots.anchor_counts[j] = residue, state.counts[j]
     else:
         _go_on_with_proof(params, state, j, residue, turn)
+
+
+@lean_kernel
+def _compare_pot(
+    state: ServoState, j: int, residue: float, counted: float, turn: float, step: float, at_end: bool
+) -> None:
+    """Tell how far a reading is off the mean, which those on the track make."""
+    pots, readings = state.pots, state.pots.followed[j]
     free = state.counts[j] != pots.counts[j] or state.watch.driven[j] == 0
-    pots.average[j], trusted = follow_pot(residue, pots.newest[j], pots.average[j], pots.followed[j], free, turn)
-    pots.trusted[j] = 1 if trusted and (pots.followed[j] == 0 or pots.trusted[j] != 0) else 0
-    far = gone_units(turn, pots.high[j] - pots.low[j], STEP_E if state.revision == REVISION_E else 0.0)
-    credible = pots.trusted[j] != 0 and pots.proof[j] != REFUTED and pots.followed[j] >= FIRST_READINGS
-    off = residue - pots.average[j] if credible and not free else 0.0
+    before = shown_residue(pots.newest[j], counted, TRACK_UNITS)
+    average, trusted = follow_pot(residue, before, pots.average[j], readings, free, turn)
+    pots.trusted[j] = 1 if trusted and (readings == 0 or pots.trusted[j] != 0) else 0
+    if not at_end:
+        pots.average[j], pots.newest[j] = average, residue
+        pots.followed[j] += 1
+    far = gone_units(turn, pots.high[j] - pots.low[j], step)
+    credible = pots.trusted[j] != 0 and pots.proof[j] != REFUTED and readings >= FIRST_READINGS
+    off = residue - shown_residue(pots.average[j], counted, TRACK_UNITS) if credible and not free else 0.0
     pots.gone[j] = pots.gone[j] + 1 if not abs(off) <= far else 0
     pots.strayed[j] = in_a_row(pots.strayed[j], off, STRAYED_SHARE * far)
-    pots.newest[j], pots.counts[j] = residue, state.counts[j]
-    pots.followed[j] += 1
 
 
 @lean_kernel
@@ -194,4 +231,5 @@ def _go_on_with_proof(params: ServoParameters, state: ServoState, j: int, residu
 def pot_is_watching(state: ServoState, j: int) -> bool:
     """A potentiometer that can be trusted would show a motor that turns while its encoder does not count."""
     pots = state.pots
-    return bool(pots.followed[j] >= FIRST_READINGS and pots.trusted[j] != 0 and pots.proof[j] == PROVEN)
+    on_track = pots.followed[j] >= FIRST_READINGS and pots.at_end[j] == 0
+    return bool(on_track and pots.trusted[j] != 0 and pots.proof[j] == PROVEN)

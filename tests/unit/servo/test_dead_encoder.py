@@ -21,9 +21,11 @@ from qrobot.servo.checks.dead_encoder import (
     gone_units,
     has_followed,
     in_a_row,
+    is_at_end,
     is_missing,
     lasting,
     predict_travel,
+    shown_residue,
     sliding_torque,
     torque_bounds,
 )
@@ -142,6 +144,32 @@ def test_a_step_that_no_motor_makes_is_a_potentiometer_that_has_failed(step: flo
 
 def test_where_a_potentiometer_is_found_first_is_no_step() -> None:
     assert follow_pot(9.0 * TURN, 0.0, 0.0, 0, True, TURN) == (9.0 * TURN, True)
+
+
+TRACK = 16384.0
+
+
+@pytest.mark.parametrize("residue", [-90.0, 0.0, 8000.0, TRACK + 90.0])
+@pytest.mark.parametrize("units", [0.0, 1.0, 0.3 * TRACK, TRACK])
+def test_on_its_track_a_potentiometer_shows_its_own_residue(residue: float, units: float) -> None:
+    assert shown_residue(residue, units - residue, TRACK) == residue
+
+
+@pytest.mark.parametrize("beyond", [1.0, 900.0])
+def test_beyond_an_end_of_its_track_it_shows_that_end(beyond: float) -> None:
+    for end, side in ((0.0, -1.0), (TRACK, 1.0)):
+        counted = 5000.0
+        assert shown_residue(end + side * beyond - counted, counted, TRACK) + counted == end
+
+
+def test_near_an_end_of_its_track_the_motor_may_be_beyond_it() -> None:
+    assert is_at_end(-20.0, 75.0, TRACK)
+    assert is_at_end(74.0, 75.0, TRACK)
+    assert not is_at_end(75.0, 75.0, TRACK)
+    assert not is_at_end(TRACK - 75.0, 75.0, TRACK)
+    assert is_at_end(TRACK - 74.0, 75.0, TRACK)
+    assert is_at_end(TRACK, 75.0, TRACK)
+    assert not is_at_end(NAN, 75.0, TRACK)
 
 
 def test_a_motor_is_gone_by_a_quarter_of_a_turn_or_by_twice_what_an_unknown_potentiometer_strays_at_rest() -> None:
