@@ -165,6 +165,31 @@ def test_a_slope_that_the_robot_file_has_wrong_refutes_the_potentiometers_and_st
     assert (rig.state.pots.proof[:3] == REFUTED).all()
 
 
+LONG_CONVERSIONS = [(4000.0, 1), (1000.0, 2), (1000.0, 3)]  # of two servo cycles and more: rate, cycles an exchange
+
+
+@pytest.mark.parametrize(("rate_hz", "cycles"), LONG_CONVERSIONS)
+def test_beside_a_sensor_every_potentiometer_is_read_however_slowly(rate_hz: float, cycles: int) -> None:
+    arm = SlowArm(Case(1, 0.0, False, True), rate_hz, cycles=cycles, sensor_channels=(6,), board_timeout_ms=20.0)
+    before = arm.rig.state.adc.done.copy()
+    arm.rig.run_for(2.0)
+    done = arm.rig.state.adc.done - before
+    assert done[:N].min() >= 0.02 * done.sum()
+    assert done[6] >= 0.7 * done.sum()
+
+
+@pytest.mark.parametrize(("rate_hz", "cycles"), LONG_CONVERSIONS)
+def test_so_it_is_beside_a_joint_that_shows_no_count_though_driven(rate_hz: float, cycles: int) -> None:
+    arm = SlowArm(Case(1, 0.0, False, True), rate_hz, cycles=cycles, board_timeout_ms=20.0)
+    watch, before = arm.rig.state.watch, arm.rig.state.adc.done.copy()
+    for _ in range(round(2.0 * rate_hz)):
+        watch.driven[2], watch.still_s[2] = 1, 1.0
+        arm.rig.ticks(1)
+    done = arm.rig.state.adc.done - before
+    assert done[:N].min() >= 0.04 * done.sum()
+    assert done[2] >= 0.6 * done.sum()
+
+
 BEYOND = -3.4  # rad of joint 6, where its potentiometer has stood at an end of its track for six turns of its motor
 
 

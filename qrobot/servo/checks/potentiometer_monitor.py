@@ -53,9 +53,9 @@ from qrobot.servo.modes import gives_torque
 from qrobot.servo.parameters import ServoParameters
 from qrobot.servo.state import ServoState
 
-TURN_TICKS: Final = 32  # so many cycles a turn of the converter,
-POT_TICKS: Final = 8  # and of these for potentiometers, beside sensors [A]
-COMMON_TICKS: Final = 12  # and of these for all of them, beside joints that show no count though driven [A]
+TURN: Final = 32  # so many conversions, however many cycles each takes,
+POT_SHARE: Final = 8  # and of these for potentiometers, beside sensors: each channel once [A]
+COMMON_SHARE: Final = 12  # and of these for all of them, beside joints that show no count though driven [A]
 SUSPECT_S: Final = 0.02  # so long driven without a count: read more often [A]
 HEARD: Final = 12  # readings of each potentiometer before power, where there is no table
 QUIET_TURNS: Final = 0.3  # of the motor, within which they lie [A]; noise of the emulated ones makes 0.17
@@ -97,7 +97,7 @@ def pot_channels(params: ServoParameters, state: ServoState) -> int:
         every |= bit
         if state.watch.driven[j] != 0 and state.watch.still_s[j] >= SUSPECT_S:
             suspects |= bit
-    common = suspects == 0 or not watched(state) or state.tick % TURN_TICKS < COMMON_TICKS
+    common = suspects == 0 or not watched(state) or state.adc.begun % TURN < COMMON_SHARE
     return every if common else suspects
 
 
@@ -106,7 +106,7 @@ def compared_now(params: ServoParameters, state: ServoState) -> bool:
     """The turn of the potentiometers, beside encoders under torque: always, or a quarter of the time beside sensors."""
     if not gives_torque(state.mode):
         return False
-    return params.sensor_mask == 0 or state.tick % TURN_TICKS < POT_TICKS
+    return params.sensor_mask == 0 or state.adc.begun % TURN < POT_SHARE
 
 
 @lean_kernel

@@ -58,6 +58,7 @@ class AdcState:
     posted_ns: int = 0  # when its operations were posted: an image taken before cannot answer
     waited: int = 0  # cycles this conversion has taken
     timeouts: int = 0  # conversions given up
+    begun: int = 0  # conversions so far, answered or not
 
 
 def make_adc_state() -> AdcState:
@@ -114,6 +115,7 @@ def start_sample(adc: Any, ops: Any, n: int, word: int, wanted: int, count: int,
         return n
     channel = next_channel(adc.channel, wanted)
     adc.channel, adc.busy, adc.waited = channel, 1, 0
+    adc.begun += 1
     adc.answer_at = count + IMAGES_TO_ANSWER
     n = put_write(ops, n, DISCRETE, word & ~DISCRETE_ADC)
     if revision == REVISION_E:
