@@ -33,7 +33,7 @@ from qrobot.errors import ConfigError, LinkError, MotionError, QRobotError, Serv
 from qrobot.fences.in_force import fences_for
 from qrobot.motion import Trsf, whole_samples
 from qrobot.rci.forked_child import keep_from_children
-from qrobot.rci.listening import heard, heard_on_leaving
+from qrobot.rci.listening import GivesWay, heard, heard_on_leaving
 from qrobot.rci.machine_choice import machine_choice
 from qrobot.rci.sample_drivers import refuse_at_samples
 from qrobot.units import MM_PER_M, S_PER_MS
@@ -64,6 +64,7 @@ class ArclRobot(PathCalls, LineCalls):
         self._units = units_of(robot)
         self._options = MotionOptions()
         self._error: QRobotError | None = None
+        self._gave_way: ArclStandstill | None = None
         self._one_by_one = False
         self._closed = self._loss_told = self._given_up = False
         self._ticks = 0
@@ -220,7 +221,7 @@ class ArclRobot(PathCalls, LineCalls):
         """
         if predicate is not None and not callable(predicate):
             raise MotionError(f"arcl_wait: a function is needed, or nothing, not {predicate!r}")
-        standstill = ArclStandstill(self)
+        standstill, self._gave_way = self._gave_way or ArclStandstill(self), None
 
         def done() -> bool:
             self._raise_error()
@@ -236,6 +237,9 @@ class ArclRobot(PathCalls, LineCalls):
 
         try:
             self.ami.wait(watched)
+        except GivesWay:  # another wait that passes no more than this one ends as this one
+            self._gave_way = standstill
+            raise
         except (LinkError, ServoFault) as error:
             self._tell_loss(error)
             raise

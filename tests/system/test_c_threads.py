@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import subprocess
 from pathlib import Path
 
@@ -19,7 +20,7 @@ __all__ = ["robot", "run"]  # the fixtures
 
 pytestmark = [needs_compiler, pytest.mark.usefixtures("own_cache")]
 
-MOTION_MS = 100_000
+MOTION_MS = 400_000  # longer than any stall, though virtual time passes as fast as it can
 THREAD = """
     #include <pthread.h>
     #include <sched.h>
@@ -198,7 +199,10 @@ def test_a_thread_that_is_cancelled_may_end_the_program(status: int, run: Run, r
 
 def test_a_handler_of_exit_that_calls_where_no_engine_could_be_started_ends_soon(tmp_path: Path) -> None:
     text = """
+    #include <poll.h>
     #include <stdlib.h>
+    #include <unistd.h>
+    int poll(struct pollfd *fds, nfds_t n, int ms) { fds->revents = fds->events; return ms ? _exit(9), 0 : (int) n; }
     tidy() { OPEN; }
     main() { atexit(tidy); newtrans("A", varb); return 0; }
     """
@@ -282,3 +286,44 @@ def test_what_a_child_of_a_program_sets_stays_with_the_child(run: Run, robot) ->
     }
     """
     assert run(text) == 0
+
+
+BEHIND = """
+    #include <pthread.h>
+    #include <signal.h>
+    #include <unistd.h>
+    __attribute__((destructor)) static void behind(void) { OPEN; }
+"""
+
+
+def test_what_asks_behind_the_end_is_told_that_nothing_can_be_asked(run: Run, robot, capfd) -> None:
+    """No handler, and no destructor, waits for a turn that nobody has any more."""
+    assert run(f"{BEHIND}\nmain() {{ {MOVING} return 0; }}") == 1
+    assert at_rest(robot)
+    assert "program: nothing can be asked any more" in capfd.readouterr().err
+
+
+def test_a_handler_that_asks_while_the_end_waits_for_its_turn_ends_the_program(run: Run, robot, capfd) -> None:
+    text = f"""
+    {BEHIND.replace("OPEN;", "")}
+    volatile int asking;
+    void asks(int number) {{ (void) number; OPEN; }}
+    void *other(void *unused) {{ asking = 1; for (;;) suspendfg(); return unused; }}
+    pthread_t self;
+    void *kills(void *unused) {{ for (;;) {{ pthread_kill(self, SIGUSR1); usleep(1000); }} return unused; }}
+    main()
+    {{
+        pthread_t threads[2];
+        self = pthread_self();
+        {MOVING}
+        signal(SIGUSR1, asks);
+        pthread_create(&threads[0], NULL, other, NULL);
+        while (!asking)
+            usleep(1000);
+        pthread_create(&threads[1], NULL, kills, NULL);
+        return 0;
+    }}
+    """
+    assert run(text) == 1
+    assert at_rest(robot)
+    assert re.search("must not call|nothing can be asked", capfd.readouterr().err)

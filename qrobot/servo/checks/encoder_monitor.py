@@ -73,8 +73,9 @@ def watch_encoder(params: ServoParameters, state: ServoState, j: int) -> None:
     push_least, push_most = min(watch.push_least[j], torque), max(watch.push_most[j], torque)
     watch.push_least[j], watch.push_most[j] = (push_least, push_most) if state.unseen != 0 else (torque, torque)
     if watch.still_s[j] == 0.0:
-        slid = push_most if watch.travel[j] > 0 else push_least
-        watch.slid[j] = sliding_torque(slid, watch.travel[j], params.inertia[j], watch.bend[j])
+        if state.unseen == 0:  # the count is of this cycle's image
+            slid = push_most if watch.travel[j] > 0 else push_least
+            watch.slid[j] = sliding_torque(slid, watch.travel[j], params.inertia[j], watch.bend[j])
         watch.q_ref_then[j], watch.swept_then[j] = state.q_ref[j], watch.swept
         watch.going[j] = 1 if way > 0.0 else 0
         watch.driven[j], watch.missing_v[j], watch.missing[j] = 0, 0.0, 0.0
@@ -91,7 +92,13 @@ def watch_encoder(params: ServoParameters, state: ServoState, j: int) -> None:
         SCALE_SHARE * abs(watch.load[j]),
     )  # fmt: skip
     watch.missing_v[j], watch.missing[j] = predict_travel(
-        torque, least, greatest, params.inertia[j], watch.sample_s, watch.missing_v[j], watch.missing[j]
+        push_least if torque > 0.0 else push_most,
+        least,
+        greatest,
+        params.inertia[j],
+        watch.sample_s,
+        watch.missing_v[j],
+        watch.missing[j],
     )
     watch.driven[j] = 1 if abs(state.q_ref[j] - watch.q_ref_then[j]) > DRIVEN_COUNTS * unit else watch.driven[j]
     watching = pot_is_watching(state, j)

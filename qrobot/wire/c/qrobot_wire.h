@@ -857,9 +857,11 @@ static inline int64_t qrobot_now_ns(void)
 
 static inline void qrw_close(struct qrobot_link *link)
 {
-    if (link->fd >= 0)
-        close(link->fd);
-    link->fd = -1;
+    int fd = link->fd;
+
+    link->fd = -1; /* first: a child that is forked now closes what it sees here */
+    if (fd >= 0)
+        close(fd);
     link->phase = QROBOT_ENDED;
 }
 

@@ -240,6 +240,8 @@ static void ask_until_answered(struct message *m)
 struct message *shim_ask(struct message *m)
 {
     int cancelling;
+    if (shim_parted())
+        shim_die("nothing can be asked any more: the program ends, and lets go of its arm");
     if (in_call)
         shim_die(SHIM_IN_HANDLER);
     pthread_setcancelstate(PTHREAD_CANCEL_DISABLE, &cancelling);
@@ -260,13 +262,13 @@ struct message *shim_call(struct message *m)
     return m;
 }
 
+/* The turn is never ended, so whatever this thread asks from now on would wait for ever: it is in this call for good. */
 int shim_call_last(struct message *m, int wait)
 {
+    in_call = 1;
     if (!take_turn(wait))
         return 0;
-    in_call = 1;
     converse(foreground, m);
-    in_call = 0;
     if (m->op == OP_ERROR)
         shim_die(m->text);
     return 1;

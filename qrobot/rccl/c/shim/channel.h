@@ -172,6 +172,7 @@ void shim_load(struct message *m, double kg, const double *centre, const double 
 /* start.c */
 void shim_start(void); /* Reach the engine; does nothing the second time. */
 void shim_die(const char *text) __attribute__((noreturn)); /* Say why, and exit with status 1. */
+int shim_parted(void); /* True in the thread that has let go of the arm, which can ask nothing any more. */
 void shim_stay(void); /* Does not return when another thread ends the program, which takes this one along. */
 void *shim_need(void *given, const char *call, const char *what); /* What was given; ends the program at NULL. */
 

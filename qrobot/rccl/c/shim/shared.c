@@ -98,12 +98,12 @@ static int share_pages(void)
     if (whole == MAP_FAILED)
         shim_die("cannot share memory with the motion engine");
     copy_pages(whole, first, size);
-    if (mmap(first, size, PROT_READ | PROT_WRITE, MAP_SHARED | MAP_FIXED, file, 0) == MAP_FAILED)
-        shim_die("cannot share the variables with the motion engine");
     first_page = first;
     pages = (ptrdiff_t) size;
     arena = whole + size;
     fresh = (struct slot *) arena;
+    if (mmap(first, size, PROT_READ | PROT_WRITE, MAP_SHARED | MAP_FIXED, file, 0) == MAP_FAILED)
+        shim_die("cannot share the variables with the motion engine");
     return file;
 }
 

@@ -52,6 +52,12 @@ static void part(void)
     stop_tasks();
 }
 
+/* A function of samples is still answered, so that its sample can be finished. */
+int shim_parted(void)
+{
+    return parted && pthread_equal(pthread_self(), ender);
+}
+
 /* Async-signal-safe. */
 static void end_now(void)
 {
@@ -320,8 +326,8 @@ static void let_signals_in(void)
 /* The engine sees the end of the program, though a child of it lives on, and nothing that the child sets. */
 static void part_in_child(void)
 {
-    shim_unshare();
     shim_forget_unsaid();
+    shim_unshare();
     shim_open(-1);
     for (int i = 0; i < 2; i++) {
         if (channels[i] >= 0)

@@ -187,8 +187,10 @@ static long put(const char *line)
 {
     sigset_t before;
     long number = 0;
+    int wakes; /* those behind the first that is lost are counted at the same look */
 
     lock(&before);
+    wakes = told.lost == 0;
     if (told.lost == 0 && told.put - told.written < LINES) {
         snprintf(told.lines[told.put % LINES], LINE_BYTES, "%s", line);
         number = ++told.put;
@@ -196,7 +198,8 @@ static long put(const char *line)
         told.lost++;
     }
     unlock(&before);
-    sem_post(&told.more);
+    if (wakes)
+        sem_post(&told.more);
     return number;
 }
 
