@@ -43,6 +43,7 @@ from qrobot.servo.memory.published_state import ServoSnapshot
 from qrobot.servo.memory.servo_memory import attach_servo_memory
 from qrobot.servo.memory.telemetry import Rows, TelemetryReader
 from tests.support.patience import PATIENCE_S, wait_until
+from tests.support.stall_watch import StreamLostError, unless_stalled
 
 GUARDIAN_MS = 200.0  # these tests ask what happens in which order: sooner than the bridge, and late for a busy machine
 BOARD_MS = 500.0
@@ -100,6 +101,11 @@ def qrobot(*arguments: str | Path, stderr: Any = subprocess.PIPE) -> subprocess.
     """Start a `qrobot` command; stdout is a pipe."""
     command = [sys.executable, "-m", "qrobot", *map(str, arguments)]
     return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=stderr, text=True)
+
+
+def _interrupt(process: subprocess.Popen[str]) -> None:
+    process.send_signal(signal.SIGINT)
+    process.communicate(timeout=PATIENCE_S)
 
 
 def left_behind(arm: str) -> list[str]:
@@ -171,23 +177,44 @@ class RunningArm:
     @contextmanager
     def program(self, path: Path) -> Iterator[subprocess.Popen[str]]:
         """A program that runs against this arm until the block ends."""
-        process = qrobot("run", "--deployment", self.deployment, "--arm", self.name, path)
+        process = self._start(path)
         try:
             yield process
         finally:
-            process.send_signal(signal.SIGINT)
-            process.communicate(timeout=PATIENCE_S)
+            _interrupt(process)
 
     @contextmanager
     def moving(
         self, path: Path, rad_s: float, once: Callable[[], bool] = lambda: True
     ) -> Iterator[subprocess.Popen[str]]:
-        """A program that has brought a joint to this speed, `once` something is so."""
-        with self.program(path) as process:
+        """A program that has brought a joint to this speed, `once` something is so.
+
+        One that this machine's stall has stopped on the way there begins again.
+        """
+        process = unless_stalled(lambda: self._set_out(path, rad_s, once))
+        try:
+            yield process
+        finally:
+            _interrupt(process)
+
+    def _start(self, path: Path) -> subprocess.Popen[str]:
+        return qrobot("run", "--deployment", self.deployment, "--arm", self.name, path)
+
+    def _set_out(self, path: Path, rad_s: float, once: Callable[[], bool]) -> subprocess.Popen[str]:
+        """See `moving`. Raises StreamLostError: servo or program was kept from running for too long."""
+        process = self._start(path)
+        try:
             wait_until(lambda: process.poll() is not None or once(), "the program comes to its way")
             wait_until(lambda: process.poll() is not None or self._faster_than(rad_s), f"{rad_s} rad/s")
-            assert process.poll() is None, process.communicate()[1]
-            yield process
+            if process.poll() is None:
+                return process
+        except BaseException:
+            _interrupt(process)
+            raise
+        said = process.communicate()[1]
+        if any(code.name in said for code in (FaultCode.FOLLOWING, FaultCode.STREAM_LOST)):
+            raise StreamLostError(said)
+        raise AssertionError(said)
 
     @contextmanager
     def control(self, period_ms: float = UNHURRIED_MS) -> Iterator[Channel]:
