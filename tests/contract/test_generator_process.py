@@ -272,7 +272,7 @@ def test_a_bridge_that_is_greeted_anew_is_told_what_it_took_of_collisions_and_no
         assert robot.beside[1].thresholds == taken.thresholds
         assert robot.payload_mass == 2.0
         arm.resume()
-        arm.waitfor(arm.completed)
+        arm.waitas(lambda: not arm.off_path)  # a program that ends sooner is told what had stopped its arm
 
 
 # --------------------------------------------------------------------------------------------------- on virtual time
