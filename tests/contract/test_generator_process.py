@@ -18,6 +18,8 @@ import pytest
 from qrobot import rccl, rci
 from qrobot.config import load_robot
 from qrobot.errors import ConfigError, JointLimit, LinkBusy, LinkLost, MotionError
+from qrobot.faultcodes import FaultCode
+from qrobot.modecodes import Mode
 from qrobot.motion import Termination, motion_limits
 from qrobot.rccl.offline import OfflineLink
 from qrobot.rci import TcpLink
@@ -52,7 +54,7 @@ class GatedRobot(FakeRobot):
 class NotingRobot(FakeRobot):
     """One that notes what it is told beside the setpoints, and refuses thresholds of a collision when it `refuses`.
 
-    Its servo starts anew with each link.
+    Its servo starts anew with each link, and stops the arm when one is lost, as one behind a bridge does.
     """
 
     def __init__(self) -> None:
@@ -70,6 +72,8 @@ class NotingRobot(FakeRobot):
     def forget_client(self) -> None:
         """See `FakeRobot.forget_client`."""
         self.payload_mass = 0.0
+        if self.mode is Mode.TRACKING:
+            self.halt(FaultCode.STREAM_LOST)
         super().forget_client()
 
 
