@@ -11,10 +11,10 @@ import pytest
 from qrobot.rccl.c.program import run_executable
 from tests.support.c_programs import compiled_text, needs_compiler
 from tests.support.fake_robot import FakeRobot
-from tests.support.faked_c_programs import MOVING, at_rest, part_of_the_way, robot, run
+from tests.support.faked_c_programs import MOVING, at_rest, part_of_the_way, robot
 from tests.support.patience import wait_until
 
-__all__ = ["robot", "run"]  # the fixtures
+__all__ = ["robot"]  # the fixture
 
 pytestmark = [needs_compiler, pytest.mark.usefixtures("own_cache")]
 

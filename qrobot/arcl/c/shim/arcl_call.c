@@ -1,9 +1,6 @@
 /* arcl_call.c - calls of arcl.h as messages, and functions of the program that the engine calls. */
 #define _GNU_SOURCE
-#include <limits.h>
-#include <poll.h>
 #include <stdio.h>
-#include <stdio_ext.h>
 #include <string.h>
 
 #include "arcl_call.h"
@@ -208,19 +205,13 @@ void *arcl_named(const char *name)
     return p;
 }
 
-/* What the program prints stands between the engine's traces; a function for which samples wait does not wait for that:
- * not for another thread that prints, nor for a terminal that is held or a pipe that is full. A pipe into which something
- * can be written takes PIPE_BUF bytes at once. */
+/* What the program prints stands between the engine's traces; a function for which samples wait does not wait for that. */
 static void keep_order(void)
 {
-    if (!shim_serving()) {
+    if (shim_serving())
+        shim_flush_output();
+    else
         fflush(stdout);
-    } else if (!ftrylockfile(stdout)) {
-        struct pollfd taken = {fileno_unlocked(stdout), POLLOUT, 0};
-        if (__fpending(stdout) <= PIPE_BUF && poll(&taken, 1, 0) > 0 && taken.revents & POLLOUT)
-            fflush_unlocked(stdout);
-        funlockfile(stdout);
-    }
 }
 
 struct message arcl_try(const char *call, void *result, int count, const arcl_value *values)

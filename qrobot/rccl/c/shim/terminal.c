@@ -45,13 +45,14 @@ void shim_forget_unsaid(void)
     *unsaid = 0;
 }
 
-/* What the program has printed stands before what we say, where it can without waiting. */
+/* What the program has printed stands before what we say, where it can without waiting: for another thread that prints,
+ * for a terminal that is held, or for a pipe that is full. */
 void shim_flush_output(void)
 {
     if (ftrylockfile(stdout))
         return;
-    if (__fpending(stdout) <= PIPE_BUF && is_ready(STDOUT_FILENO)) /* so much a pipe that is ready takes */
-        fflush(stdout);
+    if (__fpending(stdout) <= PIPE_BUF && is_ready(fileno_unlocked(stdout))) /* so much a pipe that is ready takes */
+        fflush_unlocked(stdout);
     funlockfile(stdout);
 }
 
