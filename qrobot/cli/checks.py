@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import fcntl
 import os
 import platform
 import shutil
@@ -24,6 +23,7 @@ from qrobot.realtime.lasting_folder import look_at_lasting
 from qrobot.realtime.machine import machine_steps
 from qrobot.realtime.runtime_folder import MEMORY_FOLDER, runtime_path, serve_in_folder, tidy_folder
 from qrobot.realtime.setup import DMA_LATENCY, HIGHEST_PRIORITY, SetupStep, hold_dma_latency, may_lock_all, set_fifo
+from qrobot.realtime.shared_memory import is_owned
 
 LIBRARIES: Final = ("numpy", "numba", "llvmlite", "pydantic", "foxglove-sdk", "mcap")
 SEGMENT_BYTES: Final = 64 << 20  # servo memory with its telemetry ring, board memory, and room for a second arm
@@ -173,12 +173,9 @@ def _is_locked(path: Path) -> bool:
     """True when a living process owns segment `path`."""
     try:
         with path.open("rb") as file:
-            fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
-    except BlockingIOError:
-        return True
+            return is_owned(file.fileno())
     except OSError:
         return False
-    return False
 
 
 def look_at_port(arm: str, host: str, port: int, directory: Path | None = None) -> SetupStep:

@@ -53,12 +53,13 @@ def record_emulated(
     load_kg: float,
 ) -> None:
     """The moves of `plan` from number `first` on, in lock-step; their log goes to `output`."""
+    from qrobot.realtime.interrupt import heed_interrupts
     from qrobot.rig.identify import record_lockstep
     from qrobot.sim_board.deployed import emulator_of_arm
 
     settings, emulator = servo_settings(arm), emulator_of_arm(arm, robot, plant=plant, payload_kg=load_kg)
     believed, _ = controlled_robot(arm)
-    with _bar(plan) as told:
+    with heed_interrupts(), _bar(plan) as told:
         rows = record_lockstep(
             believed, arm.robot, settings, emulator, plan, told, round(arm.bridge.period_ms * US_PER_MS), first
         )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -73,6 +74,7 @@ def replay(
     from qrobot.rccl.position import Position
     from qrobot.rccl.setpoint_tables import write_setpoint_table
     from qrobot.rccl.setpoints import judge
+    from qrobot.realtime.interrupt import heed_interrupts
 
     chosen = choose_arm(deployment, arm)
     robot = robot_of_arm(chosen)
@@ -86,7 +88,8 @@ def replay(
     # `play` does so too, but behind the way to the first setpoint
     judge(setpoints, robot.name, period_ms * S_PER_MS, motion_limits(robot), fences_of_arm(chosen), str(file))
     factory = _lockstep_links(chosen, setpoints.period_us) if lockstep else link_of(chosen)
-    with inside_fences(chosen), open_channel(factory, chosen.robot, period_ms) as channel:
+    heeding = heed_interrupts() if lockstep else nullcontext()
+    with heeding, inside_fences(chosen), open_channel(factory, chosen.robot, period_ms) as channel:
         if approach:
             channel.move(Position("first setpoint", setpoints.q[0]))
             channel.waitfor(channel.completed)

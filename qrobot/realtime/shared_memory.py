@@ -1,10 +1,11 @@
 """Named shared memory: a file of 64-bit words in the runtime folder, with one living owner.
 
-The owner holds an exclusive `flock`, which the kernel drops however the process dies, so a second owner is refused and
-a crashed one is not mistaken for a living one. A new owner reuses the file of a crashed one: peers keep their mapping
-and see the generation count rise. A forked child shares its parent's lock: an owner starts others by `spawn` or exec.
+The owner holds a record lock, which the kernel drops however the process dies, so a second owner is refused and a
+crashed one is not mistaken for a living one. A new owner reuses the file of a crashed one: peers keep their mapping and
+see the generation count rise. A forked child shares its parent's lock: an owner starts others by `spawn` or exec.
 Whether an owner lives is asked of the file that a peer has mapped: it may have lost its name while the owner goes on,
-when an account logs out and its folder is removed.
+when an account logs out and its folder is removed. Who asks takes no lock (fcntl(2), F_OFD_GETLK): a peer that is kept
+from running in the midst of it keeps no owner out.
 (`multiprocessing.shared_memory` before Python 3.13 unlinks a segment when any attached process exits, hence our own.)
 """
 
@@ -31,10 +32,10 @@ from qrobot.realtime.structure import WORD_BYTES, dtype_of, record_in, word
 
 _MEMINFO: Final = Path("/proc/meminfo")
 _LOCK_TRIES: Final = 10  # [A] while an owner has the lock, which may just end
-_LOOKED_AT_TRIES: Final = 1000  # [A] in all: `owner_alive` of a peer, which may be kept from running there, has it
 _LOCK_PAUSE_S: Final = 0.005
 
-_CLAIM: Final = struct.Struct("hhqqi4x")  # struct flock: type, whence, start, length, pid
+_RECORD: Final = struct.Struct("hhqqi4x")  # struct flock: type, whence, start, length, pid
+_COMMANDER, _OWNER = 0, 1  # bytes of the file: each stands for a lock of its own
 
 
 class SegmentHeader:
@@ -77,7 +78,7 @@ class SharedMemory:
         self.header: SegmentHeader = record_in(self.words, HEADER)
 
     @classmethod
-    def create(cls, name: str, layout: int, n_words: int, digest: int = 0) -> Self:
+    def create(cls, name: str, layout: int, n_words: int, digest: int = 0, tries: int = _LOCK_TRIES) -> Self:
         """Own segment `name`, made or taken over from a dead owner, zeroed but for the header.
 
         Args:
@@ -85,19 +86,20 @@ class SharedMemory:
             layout: version of what the words mean; `attach` refuses another one.
             n_words: size in 64-bit words, header included.
             digest: of its fields, see `structure.digest_of`; `attach` refuses another one.
+            tries: how often to look, 5 ms apart, whether an owner that there is just ends; 1 waits for nobody.
 
         Raises:
             LinkBusy: a living process owns it.
             LinkError: there is no room for it in shared memory, or the folder or the file is not ours alone.
         """
         path = segment_path(name)
-        fd = _open_locked(path, n_words)
+        fd = _open_owned(path, n_words, tries)
         segment = cls(path, fd, n_words, owner=True)
         header, generation = segment.header, 0
         if header.magic == MAGIC_VALUE:  # a new file is zero already
             if (header.layout, header.digest) != (layout, digest):  # peers of that version keep the old file
                 segment.close(unlink=True)
-                return cls.create(name, layout, n_words, digest)
+                return cls.create(name, layout, n_words, digest, tries)
             generation = int(header.generation)
             segment.words[HEADER_WORDS:] = 0
         header.layout, header.digest = layout, digest
@@ -145,14 +147,12 @@ class SharedMemory:
         """Be the one that commands the owner, as long as this segment is open. Raises LinkBusy when another one is.
 
         The kernel drops the claim however the process dies; it is this segment's, not the process's, and stands
-        beside the owner's lock: a record lock on the first byte, which programs in C take too.
+        beside the owner's: a lock on the first byte, which programs in C take too.
         """
         if self._fd is None:
             raise LinkError(f"shared memory {self.path.name!r} is closed")
-        try:
-            _lock_first_byte(self._fd, fcntl.F_WRLCK)
-        except OSError:
-            raise LinkBusy(f"{self.path.name!r} is commanded by another process already") from None
+        if not _maybe_lock(self._fd, _COMMANDER):
+            raise LinkBusy(f"{self.path.name!r} is commanded by another process already")
 
     @property
     def is_current(self) -> bool:
@@ -164,15 +164,7 @@ class SharedMemory:
     @property
     def owner_alive(self) -> bool:
         """True while some process (this one included) holds the owner's lock on the file that we have mapped."""
-        if self._fd is None or self.owner:
-            return self._fd is not None
-        try:
-            fcntl.flock(self._fd, fcntl.LOCK_SH | fcntl.LOCK_NB)  # nobody else who looks is in the way
-            return False
-        except BlockingIOError:
-            return True
-        finally:  # also at Ctrl-C: kept, it would keep the next owner away
-            fcntl.flock(self._fd, fcntl.LOCK_UN)
+        return self._fd is not None and (self.owner or is_owned(self._fd))
 
     def close(self, unlink: bool = False) -> None:
         """Let go; with `unlink` the owner also removes the file (an orderly end)."""
@@ -181,9 +173,8 @@ class SharedMemory:
         if unlink and self.owner and _same_file(self._fd, self.path):
             self.path.unlink(missing_ok=True)
             tidy_folder(self.path.parent)
-        if self.owner:
-            fcntl.flock(self._fd, fcntl.LOCK_UN)  # also when a forked child still has the file open
-        _lock_first_byte(self._fd, fcntl.F_UNLCK)  # the mapping has a descriptor of its own, which would keep it
+        for lock in (_OWNER, _COMMANDER):  # the mapping, and a forked child, have descriptors that would keep them
+            _unlock(self._fd, lock)
         os.close(self._fd)  # the mapping lives as long as somebody holds `words`
         self._fd = None
 
@@ -207,21 +198,46 @@ def discard_dead(name: str) -> None:
             fd = folder.open_file(path.name, os.O_RDWR)
     except (FileNotFoundError, LinkError):
         return
-    if _lock(fd) and _same_file(fd, path):
+    if own(fd) and _same_file(fd, path):
         path.unlink(missing_ok=True)
         tidy_folder(path.parent)
     os.close(fd)
 
 
-def _lock_first_byte(fd: int, kind: int) -> None:
-    """Take or drop the record lock of whoever commands; it is this open file's. Raises OSError when another has it."""
-    fcntl.fcntl(fd, fcntl.F_OFD_SETLK, _CLAIM.pack(kind, os.SEEK_SET, 0, 1, 0))
+def own(fd: int, tries: int = 1) -> bool:
+    """Take the owner's lock of the file that is open, as long as it is; False when somebody else owns it."""
+    while not _maybe_lock(fd, _OWNER):
+        tries -= 1
+        if tries == 0:
+            return False
+        sleep_between_looks(_LOCK_PAUSE_S)
+    return True
 
 
-def _open_locked(path: Path, n_words: int) -> int:
+def is_owned(fd: int) -> bool:
+    """True when somebody else has the owner's lock of the file that is open. Nobody is kept from it meanwhile."""
+    asked = _RECORD.pack(fcntl.F_WRLCK, os.SEEK_SET, _OWNER, 1, 0)
+    kind, *_ = _RECORD.unpack(fcntl.fcntl(fd, fcntl.F_OFD_GETLK, asked))
+    return bool(kind != fcntl.F_UNLCK)
+
+
+def _maybe_lock(fd: int, which: int) -> bool:
+    """Take one of the locks; it is this open file's. False when another has it."""
+    try:
+        fcntl.fcntl(fd, fcntl.F_OFD_SETLK, _RECORD.pack(fcntl.F_WRLCK, os.SEEK_SET, which, 1, 0))
+    except (BlockingIOError, PermissionError):  # EAGAIN or EACCES, fcntl(2)
+        return False
+    return True
+
+
+def _unlock(fd: int, which: int) -> None:
+    fcntl.fcntl(fd, fcntl.F_OFD_SETLK, _RECORD.pack(fcntl.F_UNLCK, os.SEEK_SET, which, 1, 0))
+
+
+def _open_owned(path: Path, n_words: int, tries: int) -> int:
     while True:
         fd = open_served(path.name, os.O_RDWR)
-        if not _lock(fd):
+        if not own(fd, tries):
             os.close(fd)
             raise LinkBusy(f"{path.name!r} belongs to a running process: stop it first, or use another arm name")
         if not _same_file(fd, path):  # unlinked by its owner between our open and our lock
@@ -234,28 +250,6 @@ def _open_locked(path: Path, n_words: int) -> int:
             continue
         _reserve(fd, path, n_words)
         return fd
-
-
-def _lock(fd: int) -> bool:
-    """Take the owner's lock; False when somebody else owns the file."""
-    owned = 0
-    for _ in range(_LOOKED_AT_TRIES):
-        if _maybe_lock(fd, fcntl.LOCK_EX):
-            return True
-        owned += not _maybe_lock(fd, fcntl.LOCK_SH)  # those who only look do not keep out one another
-        fcntl.flock(fd, fcntl.LOCK_UN)
-        if owned == _LOCK_TRIES:
-            break
-        sleep_between_looks(_LOCK_PAUSE_S)
-    return False
-
-
-def _maybe_lock(fd: int, kind: int) -> bool:
-    try:
-        fcntl.flock(fd, kind | fcntl.LOCK_NB)
-    except BlockingIOError:
-        return False
-    return True
 
 
 def _reserve(fd: int, path: Path, n_words: int) -> None:

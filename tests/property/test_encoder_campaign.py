@@ -37,13 +37,18 @@ def every(moving: bool, table: bool) -> list[Case]:
     ]
 
 
+def _soonest(case: Case) -> float:
+    """Seconds in which a joint on its way is found: at 0.02 rad/s the counts it lacks take longer to come."""
+    return 0.15 if abs(case.speed) >= 0.05 else 0.25
+
+
 @pytest.mark.sampled(18)
 @pytest.mark.parametrize("case", [*every(True, True), *every(False, True)], ids=str)
 def test_a_cable_that_comes_off_costs_the_power_within_five_degrees(case: Case) -> None:
     result = run_case(case)
     assert result.code is FaultCode.ENC_STUCK
     assert result.degrees <= DEGREES
-    assert result.seconds <= 0.25 or not case.moving  # a joint that sticks at rest is not found before it moves
+    assert result.seconds <= _soonest(case) or not case.moving  # one that sticks at rest is not found before it moves
 
 
 @pytest.mark.parametrize("case", every(False, False), ids=str)
@@ -58,7 +63,7 @@ def test_nor_is_a_table_needed_on_the_way(case: Case) -> None:
     result = run_case(case)
     assert result.code is FaultCode.ENC_STUCK
     assert result.degrees <= DEGREES
-    assert result.seconds <= 0.25
+    assert result.seconds <= _soonest(case)
 
 
 @pytest.mark.parametrize("case", every(moving=True, table=False), ids=str)

@@ -34,6 +34,7 @@ from __future__ import annotations
 from typing import Final
 
 from qrobot.realtime.jit import lean_kernel
+from qrobot.servo.kernels.velocity import at_rest
 
 SLID_COUNTS: Final = 10  # so far one way a joint has slid: backlash and presliding are behind it [A]
 WRONG_INERTIA: Final = 2.0  # times that of the robot file [A]
@@ -52,7 +53,7 @@ TRIED_SHARE: Final = 0.5  # of it, that it may miss: slope, noise, and 0.3 turns
 @lean_kernel
 def lasting(peak: float, size: float, dt: float) -> float:
     """The larger of `size` and of an earlier `peak` that is forgotten with LAG_S, `dt` seconds later."""
-    return max(abs(size), peak * (1.0 - dt / LAG_S))
+    return at_rest(max(abs(size), peak * (1.0 - dt / LAG_S)))
 
 
 @lean_kernel

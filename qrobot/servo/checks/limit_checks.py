@@ -105,6 +105,8 @@ def check_first_setpoint(setpoint: Any, modes: Any, q_ref: Any, tolerance: float
     for j in range(setpoint.size):
         if modes[j] == POSITION_SETPOINT and not abs(setpoint[j] - q_ref[j]) <= tolerance:
             return START_POSE, j
+        if not _is_mode(modes[j]):
+            return SP_INVALID, j
     return NONE, NO_JOINT
 
 
@@ -121,7 +123,7 @@ def check_setpoint(
     period_s: float,
     slack: float,
 ) -> tuple[int, int]:
-    """(code, joint): the next setpoint is finite, in range, and asks for no more than the joint has.
+    """(code, joint): the next setpoint is of a known mode, finite, in range, and asks for no more than the joint has.
 
     Differences against the two newest knots give the velocity and acceleration asked for; sampling a smooth motion
     overshoots them slightly, which `v_max` and `a_max` have to allow for; a path that is led back after a lost
@@ -139,4 +141,12 @@ def check_setpoint(
                 return SP_STEP, j
         elif modes[j] == TORQUE_SETPOINT and not abs(setpoint[j]) <= tau_max[j]:
             return SP_LIMIT, j
+        elif not _is_mode(modes[j]):
+            return SP_INVALID, j
     return NONE, NO_JOINT
+
+
+@lean_kernel
+def _is_mode(mode: int) -> bool:
+    """A mode that a setpoint can have: who wrote the words of the queue is not known here."""
+    return mode in (0, POSITION_SETPOINT, TORQUE_SETPOINT)

@@ -33,6 +33,7 @@ from typing import Any, Final
 
 from qrobot.faultcodes import NO_JOINT, FaultCode
 from qrobot.realtime.jit import lean_kernel
+from qrobot.servo.kernels.velocity import at_rest
 
 NONE: Final = int(FaultCode.NONE)
 ENC_STUCK: Final = int(FaultCode.ENC_STUCK)
@@ -137,7 +138,7 @@ def power_given(push: float, v: float, limit: float) -> float:
 @lean_kernel
 def recent_work(work: float, power: float, dt: float) -> float:
     """Work of the pushes of late, J, after `dt` seconds at `power`; forgotten with WORK_S."""
-    return work + dt * power - work * min(1.0, dt / WORK_S)
+    return at_rest(work + dt * power - work * min(1.0, dt / WORK_S))
 
 
 @lean_kernel

@@ -31,7 +31,7 @@ class Estimator(IntEnum):
 
 ESTIMATORS: Final = {kind.name.lower(): kind for kind in Estimator}
 DEFAULT_ESTIMATOR: Final = Estimator.DIFFERENCE.name.lower()
-REST: Final = 1e-12  # rad/s, m/s, rad/s^2, m/s^2: less is rest, for what decays for ever ends in denormal numbers [A]
+REST: Final = 1e-12  # SI units: less is rest, for what decays for ever ends in denormal numbers [A]
 STALE: Final = 1.0  # memories 1/w old: after a longer gap the observer begins anew instead of believing its prediction
 
 
@@ -44,9 +44,9 @@ def find_estimator(name: str) -> Estimator:
 
 
 @lean_kernel
-def at_rest(rate: float) -> float:
-    """Return `rate`, or zero when it is below `REST`: denormal numbers are slow to compute with and hard to read."""
-    return 0.0 if abs(rate) < REST else rate
+def at_rest(decaying: float) -> float:
+    """Return the value, or zero when it is below `REST`: denormal numbers are slow to compute with and hard to read."""
+    return 0.0 if abs(decaying) < REST else decaying
 
 
 @lean_kernel

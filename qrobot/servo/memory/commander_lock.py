@@ -36,10 +36,10 @@ class Authority:
     def take(self, label: str) -> None:
         """Hold it, under a name for people. Raises LinkBusy naming the holder when somebody else does."""
         if self._segment is None:
-            if holder := self.maybe_holder():  # known at once; to make sure of its lock would take 45 ms
+            if holder := self.maybe_holder():
                 raise LinkBusy(f"{self.arm} is commanded by {holder}")
-            try:
-                self._segment = SharedMemory.create(self._name, LAYOUT, _N_WORDS)
+            try:  # without waiting: who takes it may be the thread that reads stops
+                self._segment = SharedMemory.create(self._name, LAYOUT, _N_WORDS, tries=1)
             except LinkBusy:
                 raise LinkBusy(f"{self.arm} is commanded by {self.maybe_holder() or 'somebody'}") from None
         text = label.encode()[:LABEL_BYTES]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import fcntl
 import json
 import os
 import socket
@@ -18,6 +17,7 @@ from qrobot.cli.console import run_app
 from qrobot.cli.main import make_app
 from qrobot.config import robot_path
 from qrobot.realtime.setup import SetupStep
+from qrobot.realtime.shared_memory import own
 
 Usage = namedtuple("Usage", "total used free")
 
@@ -109,7 +109,7 @@ def test_no_rate_is_tried_beside_a_running_arm(
     monkeypatch.setattr("qrobot.cli.doctor.runtime_path", lambda: tmp_path)
     (tmp_path / "gone-servo").touch()
     with (tmp_path / "left-servo").open("w") as owner:
-        fcntl.flock(owner, fcntl.LOCK_EX)
+        assert own(owner.fileno())
         run_app(make_app(), ["doctor", "two_arms", "--rate", "--json"])
     findings = json.loads(capsys.readouterr().out)["findings"]
     rates = [finding for finding in findings if finding["group"].startswith("servo of ")]
@@ -145,7 +145,7 @@ def test_a_port_is_free_or_taken(tmp_path: Path) -> None:
 
 def test_a_port_taken_by_a_running_arm_is_as_it_should_be(tmp_path: Path) -> None:
     with socket.create_server(("127.0.0.1", 0)) as server, (tmp_path / "left-servo").open("w") as owner:
-        fcntl.flock(owner, fcntl.LOCK_EX)
+        assert own(owner.fileno())
         assert checks.look_at_port("left", "127.0.0.1", server.getsockname()[1], tmp_path).ok
 
 
@@ -176,7 +176,7 @@ def test_a_segment_is_in_use_or_left_behind(tmp_path: Path) -> None:
     (tmp_path / "a-servo").touch()
     (tmp_path / "other").touch()
     with (tmp_path / "b-servo").open("w") as owner:
-        fcntl.flock(owner, fcntl.LOCK_EX)
+        assert own(owner.fileno())
         found = {step.name: step.ok for step in checks.look_at_segments(tmp_path)}
     assert found == {"a-servo": False, "b-servo": True}
 

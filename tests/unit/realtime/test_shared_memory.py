@@ -8,16 +8,19 @@ import signal
 import subprocess
 import sys
 import uuid
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from typing import Any
 
 import pytest
 
 from qrobot.errors import ConfigError, LinkBusy, LinkError
+from qrobot.realtime import shared_memory
 from qrobot.realtime.shared_memory import HEADER_WORDS, SharedMemory, discard_dead, segment_path
 from tests.support.patience import PATIENCE_S
 
 OWN_AND_WAIT = """
 import sys
+from qrobot.realtime import shared_memory
 from qrobot.realtime.shared_memory import HEADER_WORDS, SharedMemory
 segment = SharedMemory.create(sys.argv[1], 1, 64)
 segment.words[HEADER_WORDS] = 42
@@ -95,38 +98,54 @@ def test_a_peer_that_probes_for_the_owner_does_not_keep_a_new_one_out(name: str)
         assert peer.returncode == 0
 
 
+def meanwhile(monkeypatch: pytest.MonkeyPatch, act: Callable[[], None]) -> None:
+    """Do something after each call for a lock, as if the caller were kept from running there."""
+    calls = {"fcntl": fcntl.fcntl, "flock": fcntl.flock}
+
+    def kept(call: Callable[..., Any]) -> Callable[..., Any]:
+        def called(*arguments: Any) -> Any:
+            found = call(*arguments)
+            with monkeypatch.context() as patch:
+                for name, plain in calls.items():
+                    patch.setattr(fcntl, name, plain)
+                act()
+            return found
+
+        return called
+
+    for name, call in calls.items():
+        monkeypatch.setattr(fcntl, name, kept(call))
+
+
 def test_two_who_look_at_once_do_not_take_each_other_for_the_owner(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     kill(start_owner(name))
-    flock, seen = fcntl.flock, []
-    with SharedMemory.attach(name, 1) as first, SharedMemory.attach(name, 1) as second:
-
-        def look_meanwhile(fd: int, how: int) -> None:
-            flock(fd, how)
-            monkeypatch.setattr(fcntl, "flock", flock)
-            seen.append(second.owner_alive)
-
-        monkeypatch.setattr(fcntl, "flock", look_meanwhile)
+    seen = []
+    with (
+        SharedMemory.attach(name, 1) as first,
+        SharedMemory.attach(name, 1) as second,
+        monkeypatch.context() as patch,
+    ):
+        meanwhile(patch, lambda: seen.append(second.owner_alive))
         assert not first.owner_alive
-    assert seen == [False]
+    assert seen
+    assert not any(seen)
 
 
-def test_an_owner_begins_though_one_who_looks_whether_there_is_any_is_kept_from_running(
+def test_an_owner_begins_at_once_wherever_one_who_looks_is_kept_from_running(
     name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     kill(start_owner(name))
-    with SharedMemory.attach(name, 1) as peer:
-        assert peer._fd is not None
-        rests = iter(range(100))
+    begun = []
 
-        def rest(_seconds: float) -> None:
-            if next(rests) == 50:
-                fcntl.flock(peer._fd, fcntl.LOCK_UN)
-
-        fcntl.flock(peer._fd, fcntl.LOCK_SH)  # in the middle of `owner_alive`
-        monkeypatch.setattr("qrobot.realtime.shared_memory.sleep_between_looks", rest)
+    def begin() -> None:
         with SharedMemory.create(name, 1, 64) as heir:
-            assert peer.owner_alive
-            assert heir.header.generation == 2
+            begun.append(int(heir.header.generation))
+
+    monkeypatch.setattr(shared_memory, "sleep_between_looks", lambda _: pytest.fail("it waited"))
+    with SharedMemory.attach(name, 1) as peer, monkeypatch.context() as patch:
+        meanwhile(patch, begin)
+        assert not peer.owner_alive
+    assert begun == [2]
 
 
 def test_what_a_killed_owner_left_is_discarded_and_what_a_living_one_has_is_not(name: str) -> None:

@@ -29,6 +29,7 @@ from qrobot.servo.checks.dead_encoder import (
     sliding_torque,
     torque_bounds,
 )
+from qrobot.servo.kernels.velocity import REST
 
 NAN, INF = math.nan, math.inf
 HELD_UP, HELD_DOWN, RISE_UP, RISE_DOWN = 40.0, 30.0, 4.0, 3.0
@@ -102,6 +103,10 @@ def test_a_peak_lasts_for_as_long_as_joints_take_to_follow() -> None:
     for _ in range(1000):
         peak = lasting(peak, 0.0, dt)
     assert peak == pytest.approx(math.exp(-1.0), rel=1e-3)
+    for _ in range(30_000):
+        peak = lasting(peak, 0.0, dt)
+        assert peak == 0.0 or peak >= REST  # no denormal number, however long the arm holds
+    assert peak == 0.0
 
 
 @pytest.mark.parametrize("acceleration", [-8.0, -1.0, 0.0, 1.0, 8.0])

@@ -157,6 +157,15 @@ def test_a_stream_has_to_begin_where_the_reference_stands() -> None:
     assert check_first_setpoint(-elsewhere, position, elsewhere, 0.02) == (FaultCode.START_POSE, 0)
 
 
+@pytest.mark.parametrize("mode", [3, -1, 2**63 - 1, -(2**63)])
+def test_a_mode_that_there_is_not_is_refused_at_the_first_setpoint_and_later(mode: int) -> None:
+    """Nobody vouches for the words of the queue: the wire refuses such a mode before it gets there."""
+    here, modes = np.zeros(2), np.array([0, mode])
+    assert check_first_setpoint(here, modes, here, 0.02) == (FaultCode.SP_INVALID, 1)
+    for value in (0.0, 0.25, 1e9, NAN):
+        assert setpoint_verdict(value, mode=mode) == FaultCode.SP_INVALID
+
+
 def setpoint_verdict(value: float, mode: int = 1, before: float = 0.0, at: float = 0.0, slack: float = 1.0) -> int:
     knots = np.array([[0.0], [0.0], [before], [at]])
     one = np.ones(1)

@@ -37,6 +37,7 @@ from qrobot.servo.checks.motor_fault_diagnosis import (
     recent_work,
     stopped_dead,
 )
+from qrobot.servo.kernels.velocity import REST
 
 NAN, INF = math.nan, math.inf
 
@@ -230,6 +231,11 @@ def test_work_is_the_sum_of_power_and_is_forgotten() -> None:
     assert recent_work(2.0, 0.0, WORK_S / 2) == 1.0
     assert recent_work(-2.0, 4.0, WORK_S / 2) == -1.0 + 2.0 * WORK_S
     assert recent_work(2.0, 3.0, 2.0) == 6.0
+    work, dt = -1.0, WORK_S / 1000
+    for _ in range(30_000):
+        work = recent_work(work, 0.0, dt)
+        assert work == 0.0 or work <= -REST  # no denormal number, however long ago the blow was
+    assert work == 0.0
 
 
 @pytest.mark.parametrize(

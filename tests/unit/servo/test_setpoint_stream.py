@@ -594,6 +594,33 @@ def test_a_stream_that_changes_its_period_on_the_way_is_stopped() -> None:
     assert bench.event is FaultCode.SP_INVALID
 
 
+@pytest.mark.parametrize("mode", [3, -1])
+def test_a_mode_that_there_is_not_is_refused_and_moves_nothing(mode: int) -> None:
+    """The wire refuses it; here somebody has spoilt the words of the queue."""
+    bench = ServoBench().hold()
+    before = bench.snapshot.q_setpoint.copy()
+    bench.mailbox.push_setpoint(1, 0, bench.now_ns, FRAME_NS, [mode, 0, 0, 0, 0, 0], before + 0.5)
+    bench.run(0.3)
+    assert (bench.mode, bench.event) == (Mode.HOLDING, FaultCode.SP_INVALID)
+    np.testing.assert_array_equal(bench.snapshot.q_setpoint, before)
+
+
+@pytest.mark.parametrize("mode", [3, -1])
+def test_a_mode_that_there_is_not_ends_the_stream_on_its_path(mode: int) -> None:
+    bench = ServoBench()
+
+    def edit(at: int, modes: list[int], values: np.ndarray) -> None:
+        if at == 28:
+            modes[0], values[0] = mode, values[0] + 0.5
+
+    moving(bench, speed=0.5, edit=edit, seconds=0.7)
+    bench.until(lambda: bench.mode is Mode.STOPPING)
+    assert bench.event is FaultCode.SP_INVALID
+    begun = bench.snapshot.q_setpoint[0]
+    bench.until(lambda: bench.mode is Mode.HOLDING)
+    assert abs(bench.snapshot.q_setpoint[0] - begun) < 0.2
+
+
 # ------------------------------------------------------------------------------------------------------ torque joints
 
 
