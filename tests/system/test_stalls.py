@@ -11,13 +11,12 @@ from tests.support.shared_arm import SharedArm
 
 pytestmark = pytest.mark.realtime
 
-TIMES = 8
-LONGEST_S = 0.3
+TIMES, SEED = 8, 6
 TRIES, TOGETHER_S = 3, 0.005  # a run in which the signals themselves came so far apart stopped nobody at once
 
 
 def test_all_processes_of_a_moving_arm_may_stop_at_once_and_go_on(shared_arm: SharedArm) -> None:
-    """The guardian's bound is 60 ms here, a third of these stalls is longer; the whole campaign is a benchmark."""
+    """Two of these stalls are longer than the guardian's bound of 200 ms; the whole campaign is a benchmark."""
     for _ in range(TRIES):
         found = stalls_of_a_moving_arm(shared_arm)
         if found.apart_s < TOGETHER_S:
@@ -34,7 +33,7 @@ def stalls_of_a_moving_arm(shared_arm: SharedArm) -> Stalls:
         program = threading.Thread(target=swing, args=(channel, done))
         program.start()
         try:
-            return stall_again_and_again(arm.name, lambda: list(arm.running().values()), TIMES, 3, LONGEST_S)
+            return stall_again_and_again(arm.name, lambda: list(arm.running().values()), TIMES, SEED)
         finally:
             done.set()
             program.join()

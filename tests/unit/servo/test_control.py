@@ -498,6 +498,8 @@ HANGING = {
     "power on": lambda c: c.power_on(),
     "clear": lambda c: c.clear(),
     "calibrate": lambda c: c.calibrate(),
+    "payload": lambda c: c.change_payload(1.0),
+    "zero force": lambda c: c.zero_force(),
 }
 
 
