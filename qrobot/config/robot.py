@@ -50,6 +50,8 @@ COUNTER_RANGE = (-32768, 32767)  # of a signed 16-bit word
 DAC_HALF_RANGE = 2048  # 12-bit offset binary around 0x800 [V]
 UNEXPLAINED_SHARE = 0.7  # of tau_max: wrong friction, load and gain together stay below
 UNKNOWN_LOAD_SHARE = 0.15  # of the torque limit: 2.5 kg on a PUMA 560
+FOLLOWING_SHARE = 0.25  # of a joint's range: a following error beyond it is one in degrees or mm [A]
+SLOWEST_STOP_S = 2.0  # from full speed: a stop that takes longer is none [A]
 NEEDED_POSES = ("park", "ready", "end")
 
 
@@ -251,8 +253,8 @@ class Guard(Section):
     a_stop: PerJointPositive
     unexplained_torque: PerJointPositive | None = None
     runaway_share: float = Field(default=0.03, gt=0, le=1, allow_inf_nan=False)
-    brake_slip: float = Field(default=0.0087, gt=0, allow_inf_nan=False)
-    saturation_s: float = Field(default=0.5, gt=0, allow_inf_nan=False)
+    brake_slip: float = Field(default=0.0087, gt=0, le=0.1, allow_inf_nan=False)
+    saturation_s: float = Field(default=0.5, gt=0, le=10, allow_inf_nan=False)
     unknown_load: PerJointNotNegative | None = None
 
     @property
@@ -328,8 +330,7 @@ def _disagreements(robot: Robot) -> Iterator[str]:
         yield f"control.friction_preset must be one of {', '.join(robot.friction)}"
     if (robot.guard.tau_max > DAC_HALF_RANGE / np.abs(robot.transmission.dac_per_Nm)).any():
         yield "guard.tau_max exceeds what the DAC can ask for"
-    if (robot.guard.a_stop > robot.limits.a_max).any():
-        yield "guard.a_stop exceeds limits.a_max"
+    yield from _guards_nothing(robot.guard, robot.limits)
     yield from _beyond_the_counters(robot)
     for capsule in robot.shape.capsules if robot.shape else ():
         if capsule.link > robot.n:
@@ -338,6 +339,20 @@ def _disagreements(robot: Robot) -> Iterator[str]:
         yield 'geometry.family = "puma" needs the link twists and the zero offsets of a PUMA (modified DH)'
     if robot.geometry.family == "stanford" and not _is_stanford(robot):
         yield 'geometry.family = "stanford" needs the link frames of a Stanford arm (modified DH) and a boom beyond 0'
+
+
+def _guards_nothing(guard: Guard, limits: Limits) -> Iterator[str]:
+    """Limits of the checks so wide, perhaps in another unit, that they would let everything pass."""
+    if (guard.a_stop > limits.a_max).any():
+        yield "guard.a_stop exceeds limits.a_max"
+    if (guard.a_stop * SLOWEST_STOP_S < limits.v_max).any():
+        yield f"guard.a_stop takes more than {SLOWEST_STOP_S:g} s to stop a joint at limits.v_max"
+    if (guard.following_error > FOLLOWING_SHARE * (limits.q_max - limits.q_min)).any():
+        yield f"guard.following_error exceeds {FOLLOWING_SHARE:.0%} of the joint's range (it is in rad or m)"
+    if guard.start_tolerance > guard.following_error.min():
+        yield "guard.start_tolerance exceeds guard.following_error"
+    if (guard.unexplained_torque_or_default > guard.tau_max).any():
+        yield "guard.unexplained_torque exceeds guard.tau_max: no motor could show that it does not obey"
 
 
 def counter_ends(limits: Limits, guard: Guard, transmission: Transmission) -> tuple[Floats, Floats]:

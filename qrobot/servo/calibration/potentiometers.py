@@ -56,10 +56,11 @@ def answer_pots(params: ServoParameters, state: ServoState) -> bool:
 
     Where they found the counters right before, an encoder may have been off since: each request has them read anew.
     Where they did not, that stands until the board is met anew, or the counters are given up.
+    Without a table they are heard until they are quiet or silent: under torque there is no other time for it.
     """
-    if not has_table(params):
-        return True
     pots = state.pots
+    if not has_table(params):
+        return bool(params.pots == 0 or pots.verdict != UNJUDGED)
     if pots.asked_at != state.tick - 1 and pots.verdict == PLAUSIBLE:
         forget_pots(state)
     pots.asked_at = state.tick
@@ -102,9 +103,11 @@ def watch_pots(params: ServoParameters, state: ServoState, channel: int) -> None
 
     A converter that has been silent is asked again and again, and believed once it answers.
     """
-    if state.pots.verdict == SILENT and channel >= 0:
+    if not has_table(params):
+        return
+    if state.pots.verdict == SILENT and _is_a_pot(params, channel):
         forget_pots(state)
-    if state.pots.verdict != UNJUDGED or not has_table(params):
+    if state.pots.verdict != UNJUDGED:
         return
     enough = True
     for j in range(params.pot_channel.size):
@@ -116,6 +119,14 @@ def watch_pots(params: ServoParameters, state: ServoState, channel: int) -> None
         _judge(params, state)
     elif state.adc.timeouts - state.pots.timeouts_before >= MOST_SILENCES:
         state.pots.verdict, state.pots.suspect = SILENT, NO_JOINT
+
+
+@lean_kernel
+def _is_a_pot(params: ServoParameters, channel: int) -> bool:
+    found = False
+    for j in range(params.pot_channel.size):
+        found = found or params.pot_channel[j] == channel
+    return found
 
 
 @lean_kernel

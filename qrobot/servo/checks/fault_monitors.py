@@ -116,9 +116,11 @@ def watch_motors(params: ServoParameters, state: ServoState) -> None:
     if mode not in (HOLDING, TRACKING, STOPPING):
         for j in range(state.q.size):
             _forget_motor(params, state, j)
+            _forget_plans(state, j)
             forget_encoder(state, j)
-            state.watch.counts_on[j], state.watch.along[j] = state.counts[j], 0
-            state.watch.v_ref_before[j], state.watch.drive[j] = 0.0, 0.0
+            if not gives_torque(mode):
+                state.watch.counts_on[j] = state.counts[j]
+            state.watch.along[j] = 0
         state.watch.work = 0.0
         return
     stale = unseen_s(params, state) * params.watch.pace > STALE
@@ -246,6 +248,14 @@ def _forget_motor(params: ServoParameters, state: ServoState, j: int) -> None:
     watch = state.watch
     watch.expected[j], watch.push[j] = momentum(params, state, j), 0.0
     watch.over_s[j], watch.clipped_s[j] = 0.0, 0.0
+
+
+@lean_kernel
+def _forget_plans(state: ServoState, j: int) -> None:
+    """Allow nothing for what the reference has asked of a joint."""
+    watch = state.watch
+    watch.v_ref_before[j], watch.drive[j] = 0.0, 0.0
+    watch.jolt[j], watch.late[j], watch.bend[j], watch.planned[j] = 0.0, 0.0, 0.0, 0.0
 
 
 @lean_kernel

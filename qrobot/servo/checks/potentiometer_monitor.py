@@ -83,7 +83,8 @@ def wanted_channels(params: ServoParameters, state: ServoState) -> int:
 def _unchecked_channels(params: ServoParameters, state: ServoState) -> int:
     """Channels of the potentiometers, without a table: until they were heard, and under torque; those of no sensor."""
     verdict = state.pots.verdict
-    if params.pots == 0 or verdict == SILENT or (verdict == PLAUSIBLE and not compared_now(params, state)):
+    wanted = not gives_torque(state.mode) if verdict == UNJUDGED else compared_now(params, state)
+    if params.pots == 0 or verdict == SILENT or not wanted:
         return 0
     return int(pot_channels(params, state) & ~params.sensor_mask)
 
@@ -113,7 +114,7 @@ def compared_now(params: ServoParameters, state: ServoState) -> bool:
 def hear_pots(params: ServoParameters, state: ServoState, channel: int) -> None:
     """Take a new conversion of `channel` (-1: none) before power, without a table, and judge their noise.
 
-    A converter that stays silent is not asked again. Power waits for none of it.
+    A converter that stays silent is not asked again.
     """
     pots = state.pots
     if has_table(params) or params.pots == 0 or pots.verdict != UNJUDGED or gives_torque(state.mode):

@@ -107,7 +107,9 @@ def read(params: ServoParameters, state: ServoState) -> None:
     if fresh and state.image_ok != 0:
         read_encoders(params, state)
     taken_ns, patience = state.image_taken_ns, params.adc_patience
-    channel = collect_sample(state.adc, state.sensors, state.image, taken_ns, state.revision, patience)
+    channel = -1
+    if whole:
+        channel = collect_sample(state.adc, state.sensors, state.image, taken_ns, state.revision, patience)
     seen = state.image_ok != 0
     measure_wrench(params.wrench.matrix, state.force_zero, state.sensors, state.adc.done, seen, state.force)
     if state.started != 0:
