@@ -14,7 +14,9 @@ import pytest
 from qrobot.faultcodes import FaultCode
 from qrobot.modecodes import Mode
 from qrobot.rig.lockstep import LockstepRig
-from qrobot.servo.calibration.state import PROVEN, REFUTED, UNPROVEN
+from qrobot.servo.calibration.potentiometers import watch_pots
+from qrobot.servo.calibration.state import PLAUSIBLE, PROVEN, REFUTED, SILENT, UNJUDGED, UNPROVEN
+from qrobot.servo.checks.potentiometer_monitor import wanted_channels
 from qrobot.servo.memory.setpoint_queue import POSITION_SETPOINT
 from qrobot.servo.memory.stop_record import read_incident
 from qrobot.servo.settings import ServoSettings
@@ -168,6 +170,35 @@ def test_a_slope_that_the_robot_file_has_wrong_refutes_the_potentiometers_and_st
         rig.run_for(FRAME_S)
     assert read_incident(rig.state.watch.incident) is None
     assert (rig.state.pots.proof[:3] == REFUTED).all()
+
+
+@pytest.mark.parametrize(("rate_hz", "cycles"), [(1000.0, 1), (4000.0, 1), (500.0, 1), (1000.0, 3)])
+def test_without_a_table_potentiometers_are_heard_however_soon_power_is_asked_for(rate_hz: float, cycles: int) -> None:
+    settings = {} if cycles == 1 else {"board_timeout_ms": 20.0}
+    arm = SlowArm(Case(2, 0.02, False, False, 0), rate_hz, cycles=cycles, after_s=0.005, **settings)
+    assert arm.rig.state.pots.verdict == PLAUSIBLE
+    arm.pull_cable()
+    result = arm.suffer()
+    assert result.code is FaultCode.ENC_STUCK
+    assert result.degrees <= DEGREES
+
+
+@pytest.mark.parametrize("table", [False, True])
+def test_an_answer_of_a_sensor_says_nothing_of_potentiometers_that_are_silent(table: bool) -> None:
+    rig = LockstepRig(PUMA, ServoSettings(sensor_channels=(6,), calibration=TABLE if table else None))
+    state, pots = rig.state, rig.state.pots
+    pots.verdict = SILENT
+    watch_pots(rig.params, state, -1)
+    watch_pots(rig.params, state, 6)
+    assert pots.verdict == SILENT
+    watch_pots(rig.params, state, 0)
+    assert pots.verdict == (UNJUDGED if table else SILENT)  # without one nobody asks them any more
+
+
+def test_potentiometers_that_nobody_has_heard_take_nothing_from_a_sensor_under_torque() -> None:
+    arm = SlowArm(Case(1, 0.0, False, False), sensor_channels=(6,))
+    arm.rig.state.pots.verdict = UNJUDGED
+    assert wanted_channels(arm.rig.params, arm.rig.state) == 1 << 6
 
 
 LONG_CONVERSIONS = [(4000.0, 1), (1000.0, 2), (1000.0, 3)]  # of two servo cycles and more: rate, cycles an exchange

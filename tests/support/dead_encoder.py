@@ -74,9 +74,20 @@ def reference(speed: float, t: float) -> float:
 
 
 class SlowArm:
-    """An arm that holds, ready for a motion of one joint; its board is asked once in so many `cycles` of the servo."""
+    """An arm that holds, ready for a motion of one joint; its board is asked once in so many `cycles` of the servo.
 
-    def __init__(self, case: Case, rate_hz: float = 1000.0, *faults: str, cycles: int = 1, **settings: Any) -> None:
+    Power is asked for `after_s` seconds, times these.
+    """
+
+    def __init__(
+        self,
+        case: Case,
+        rate_hz: float = 1000.0,
+        *faults: str,
+        cycles: int = 1,
+        after_s: float = 0.3,
+        **settings: Any,
+    ) -> None:
         mismatch = PlantMismatch.nominal(N) if case.draw is None else PlantMismatch.mismatched(N, seed=case.draw)
         load = 0.0 if case.draw is None else 2.5
         plant = Emulator(PUMA, start="park", physics="rigid", payload_kg=load, mismatch=mismatch)
@@ -89,7 +100,7 @@ class SlowArm:
         )
         for fault in faults:
             plant.faults.add(fault)
-        self.rig.run_for(0.3 * cycles)
+        self.rig.run_for(after_s * cycles)
         self.rig.mailbox.request_power(True)
         self.rig.run_for(0.5 * cycles)
         assert self.mode is Mode.HOLDING

@@ -88,6 +88,19 @@ def test_an_arm_that_is_held_is_allowed_none_of_it() -> None:
     assert not rig.state.watch.planned.any()
 
 
+def test_what_a_motion_is_allowed_goes_with_its_power() -> None:
+    rig = ready(Emulator(PUMA, start="end", physics="rigid"))
+    for _ in flight(rig, 1, 0.3):
+        pass
+    watch = rig.state.watch
+    kept = (watch.planned, watch.jolt, watch.late, watch.bend, watch.drive)
+    assert watch.planned.max() > 1.0
+    rig.mailbox.request_power_off()
+    rig.run_for(1.0)
+    assert rig.mailbox.snapshot().mode == Mode.OFF
+    assert not any(each.any() for each in kept)
+
+
 @pytest.mark.parametrize("asked", [0.0, 60.0, 500.0])
 def test_a_lower_threshold_that_was_asked_for_is_kept_on_the_way_too(asked: float) -> None:
     leg = FastLeg(1000.0)
