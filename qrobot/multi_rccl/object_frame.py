@@ -16,7 +16,7 @@ import numpy as np
 from qrobot.arrays import Floats
 from qrobot.errors import LinkError, MotionError
 from qrobot.model.branch import Branch
-from qrobot.motion import Equation, EventKind, Generator, Goal, MotionEvent, MotionMode, Termination
+from qrobot.motion import FULL_SPEED, Equation, EventKind, Generator, Goal, MotionEvent, MotionMode, Termination
 from qrobot.motion.world.frame_kinematics import FrameKinematics, frame_limits
 from qrobot.multi_rccl.manip import Manip, absolute_stop, follows
 from qrobot.multi_rccl.moving_transform import MovingTransform
@@ -251,7 +251,7 @@ class ObjectFrame(Manip):
             self._generator.follow(goal)
             self.trans.record(tick, goal.pose(tick))
             return
-        self.generator.override = 0.0 if self._group.waits else 1.0
+        self.generator.override = self._override
         output = self.generator.update(tick)
         self.trans.record(tick, self._kinematics.forward(output.q))
         if output.events:
@@ -261,6 +261,17 @@ class ObjectFrame(Manip):
         self._motions.update_progress(output)
         if not self._tracks and follows(self.generator):
             self._push(absolute_stop())
+
+    @property
+    def _override(self) -> float:
+        """Operator's smallest override at the arms under control; 0 in a pause of one, and while one is off its path.
+
+        What an arm was told that has ended does not count any more.
+        """
+        if self._group.waits:
+            return 0.0
+        arms = [task for task in self._group.arms.values() if task.follows_setpoints and task.td.error is None]
+        return min((arm.how.motion_override for arm in arms if arm.how is not None), default=FULL_SPEED)
 
     def _hear(self, event: MotionEvent) -> None:
         if event.kind is EventKind.IDLE:
