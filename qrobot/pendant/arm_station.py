@@ -24,6 +24,7 @@ from qrobot.pendant.frames import arm_facts
 from qrobot.pendant.free_path import led_name
 from qrobot.pendant.jog_worker import JogWorker
 from qrobot.pendant.lease import DriverLease
+from qrobot.pendant.pause_watch import PauseWatch
 from qrobot.pendant.procedure_messages import PageProcedureStart
 from qrobot.pendant.procedure_runner import LIVE_STEPS, ProcedureRunner
 from qrobot.pendant.program_folder import RECORDED
@@ -56,6 +57,7 @@ class ArmStation:
 
     Attributes:
         lease: which page drives it.
+        pause: whether it is held while no page does.
         worker: the process that moves the arm.
         requests: those that need no session.
         programs: of the arm.
@@ -85,7 +87,7 @@ class ArmStation:
         self._on_state, self._on_change = on_state, on_change
         self._newest: State | None = None
         self._newest_s, self._clock = 0.0, clock  # when it was heard
-        self.lease = DriverLease()
+        self.lease, self.pause = DriverLease(), PauseWatch(robot)
         self.worker = JogWorker(arm, taught, self.tell)
         self._notice, self._notices = "", 0
         self._commanded = False
@@ -183,7 +185,7 @@ class ArmStation:
     def hold_program(self, left: ArmStation) -> None:
         """Pause the program of this arm on its path, at every arm that it reaches, if it reaches one that was `left`.
 
-        A recording that is followed, which no pause holds, is ended.
+        A recording that is followed, which no pause holds, is ended; so is what turns out not to be held.
         """
         moved = (self, *self._reached)
         if not self.programs.live or left not in moved:
@@ -193,9 +195,37 @@ class ArmStation:
             self.tell("no page drives: the recording is no longer followed")
             return
         for arm in moved:
+            arm.pause.ask(self._clock())
             arm.requests.act("pause")
         where = f" at {' and '.join(arm.arm.name for arm in moved)}" if self._reached else ""
         self.tell(f"no page drives: the program is paused{where}; `Drive from here`, and `Go on`")
+
+    def end_unheld_program(self) -> None:
+        """End the program of this arm, and stop what it moves, if the pause does not hold an arm that no page drives.
+
+        To be called each second.
+        """
+        now_s = self._clock()
+        alone = [arm for arm in (self, *self._reached) if arm.lease.holder is None and (arm is self or arm._is_led)]
+        unheld = {arm.arm.name: why for arm in alone if (why := arm.pause.complaint(now_s))}
+        if not self.programs.live or not unheld:
+            return
+        why = f"no page drives, the program is ended ({'; '.join(f'{name}: {why}' for name, why in unheld.items())})"
+        with ExitStack() as steps:  # each is made, whatever another one fails by, from the last one up
+            steps.callback(self.tell, why)
+            steps.callback(self.programs.end)
+            for arm in reversed(alone):
+                arm.pause.ask(now_s)  # what moves on all the same is stopped again
+                steps.callback(arm.stop_because, why)
+
+    def stop_because(self, why: str) -> None:
+        """Stop the arm by bridge and servo at once; whoever looks later is told why."""
+        self.requests.stop(self.watch.ask_stop(), why)
+
+    @property
+    def _is_led(self) -> bool:
+        """Somebody commands the arm, and nothing of its own pendant does, as far as anybody has heard."""
+        return self._commanded and self.worker.session == "no" and not (self.procedures.live or self.programs.live)
 
     def may_take(self, other: ArmStation) -> bool:
         """The program of this arm may still take, and power, another one."""
@@ -301,6 +331,7 @@ class ArmStation:
 
     def _hear(self, state: State) -> None:
         self._newest, self._newest_s = state, self._clock()
+        self.pause.hear(state, self._newest_s)
         if state.commanded != self._commanded:
             self._commanded = state.commanded
             self._on_change()

@@ -132,10 +132,11 @@ class DriveFloor:
             page.show(frame)
 
     def look_at_lease(self) -> None:
-        """End the driving of pages that sleep; to be called each second."""
+        """End the driving of pages that sleep, and programs that go on alone; to be called each second."""
         for arm in self.arms:
             try:
                 self._look_at_lease_of(arm)
+                arm.end_unheld_program()
             except Exception:  # the other arms are looked at all the same
                 _log.exception("the lease of arm %s could not be looked at", arm.arm.name)
 

@@ -68,18 +68,21 @@ class ServoRequests:
         self._lock = threading.Lock()  # of both, and of the numbers of stops and power-offs
         self._asked = self._confirmed = self._doubted = 0
 
-    def stop(self, by_bridge: bool) -> None:
+    def stop(self, by_bridge: bool, why: str = "STOP was pressed") -> None:
         """Stop the arm; returns at once, whatever is under way, and requests that wait are forgotten.
 
-        `by_bridge`: the bridge was asked as well.
+        `by_bridge`: the bridge was asked as well. `why`: for people, as told when the servo has answered.
         """
-        self._halt(lambda servo: servo.stop(), "STOP", GO_ON, by_bridge, self._stops)
+        self._halt(lambda servo: servo.stop(), "STOP", GO_ON, by_bridge, self._stops, why)
 
     def power_off(self, by_bridge: bool) -> None:
         """Stop the arm and take its power away, as `stop` does."""
-        self._halt(lambda servo: servo.power_off(), "Power off", "power on to go on", by_bridge, self._power_offs)
+        why = "Power off was pressed"
+        self._halt(lambda servo: servo.power_off(), "Power off", "power on to go on", by_bridge, self._power_offs, why)
 
-    def _halt(self, act: ServoHalt, name: str, go_on: str, by_bridge: bool, room: threading.BoundedSemaphore) -> None:
+    def _halt(
+        self, act: ServoHalt, name: str, go_on: str, by_bridge: bool, room: threading.BoundedSemaphore, why: str
+    ) -> None:
         with self._lock:
             self._asked += 1
             number = self._asked
@@ -88,7 +91,7 @@ class ServoRequests:
             try:
                 with self._connect(self._arm, ANSWER_S) as servo:
                     mode = act(servo).mode
-                self._confirm(number, f"{name} was pressed: the servo is {mode}; {go_on}")
+                self._confirm(number, f"{why}: the servo is {mode}; {go_on}")
             except Exception as error:  # one that is none of ours as well: the servo has confirmed nothing
                 if not isinstance(error, QRobotError):
                     _log.exception("%s could not be asked of the servo", name)
@@ -103,7 +106,7 @@ class ServoRequests:
                 threading.Thread(target=run, name=f"pendant-{name}", daemon=True).start()
             except RuntimeError:  # no more threads: the next one has a place again
                 room.release()
-                self._doubt(number, f"{name} was pressed: no thread is left to ask the servo by itself; press again")
+                self._doubt(number, f"{why}: no thread is left to ask the servo by itself; press again")
 
     def _confirm(self, number: int, text: str) -> None:
         """The servo has answered a stop or a power-off: earlier ones no longer matter."""

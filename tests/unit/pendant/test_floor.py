@@ -49,7 +49,7 @@ class Floor(DriveFloor):
         station = ArmStation(arm, ROBOT, (0.0, 0.0, 0.0), place, tell, self.changed, clock=clock)
         station.worker.say = lambda **message: ask(message)  # type: ignore[method-assign]
         station.worker.start = lambda: None  # type: ignore[method-assign]
-        station.requests.stop = lambda _: ask("stop")  # type: ignore[method-assign]
+        station.requests.stop = lambda *_: ask("stop")  # type: ignore[method-assign]
         station.requests.act = ask  # type: ignore[method-assign]
         station.requests.power_off = lambda _: ask("power off")  # type: ignore[method-assign]
         station.places._changes.submit = lambda change, *how: change(*how)  # type: ignore[method-assign, assignment]
