@@ -5,6 +5,7 @@ at this machine (DNS rebinding) has another Host, a foreign page another Origin,
 no cookie. The token stands once in the address; it is answered with a cookie that scripts cannot read and that other
 sites' pages do not send. A browser sends it to other servers of this machine, though, which may be another account's
 (RFC 6265, section 8.5): so who shows it has to be of this account, as is the end of a tunnel that its owner has dug.
+That is looked up last, for it takes time that nobody without the token is to use up.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from hmac import compare_digest
 from typing import Any, Final, TypeAlias
 from urllib.parse import parse_qs
 
+from qrobot.pendant.door import Door
 from qrobot.realtime.loopback import maybe_account_between
 
 Scope: TypeAlias = MutableMapping[str, Any]
@@ -61,6 +63,7 @@ class Gate:
         token: the secret of this run.
         names: of this machine, as a browser may call it.
         admits: whether the process at the far end may come in at all.
+        door: is told of whom is let in.
     """
 
     def __init__(
@@ -69,7 +72,9 @@ class Gate:
         token: str,
         names: Iterable[str] = OWN_NAMES,
         admits: Callable[[Scope], bool] = is_of_this_account,
+        door: Door | None = None,
     ) -> None:
+        self.door = door or Door()
         self.app, self._admits = app, admits
         self._token, self._cookie = token.encode(), cookie_name(token)
         self._names = tuple(name.lower() for name in names)
@@ -78,19 +83,28 @@ class Gate:
         """Answer, or hand over; see the ASGI specification."""
         if scope["type"] == "lifespan":
             await self.app(scope, receive, send)
-        elif (why := self._objection(scope)) is not None:
+        elif (why := self._objection(scope) or self._doubt(scope)) is not None:
             await _refuse(scope, receive, send, why)
-        elif scope["type"] == "http" and self._shows_token(scope):
+        else:
+            self.door.let_in(scope)
+            await self._answer(scope, receive, send)
+
+    async def _answer(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if self._shows_token(scope):
             await self._give_cookie(send)
-        elif not self._has_cookie(scope):
-            await _refuse(scope, receive, send, "no valid token: open the address that `qrobot pendant` has printed")
         else:
             await self.app(scope, receive, _with_headers(send))
 
-    def _objection(self, scope: Scope) -> str | None:
-        """Complaint about account, Host or Origin, None when they are right."""
+    def _doubt(self, scope: Scope) -> str | None:
+        """Complaint about token or account, None when they are right."""
+        if not self._shows_token(scope) and not self._has_cookie(scope):
+            return "no valid token: open the address that `qrobot pendant` has printed"
         if not self._admits(scope):
             return "the request comes from another account of this machine: start a pendant of your own"
+        return None
+
+    def _objection(self, scope: Scope) -> str | None:
+        """Complaint about Host or Origin, None when they are right."""
         hosts, origins = _headers(scope, b"host"), _headers(scope, b"origin")
         if len(hosts) != 1 or not self._is_own(hosts[0]):
             return "this server is not called by that name"
@@ -109,7 +123,7 @@ class Gate:
 
     def _shows_token(self, scope: Scope) -> bool:
         shown = parse_qs(scope.get("query_string", b"").decode("latin-1")).get(TOKEN_PARAMETER, [""])
-        return scope["path"] == "/" and self._matches(shown[0])
+        return scope["type"] == "http" and scope["path"] == "/" and self._matches(shown[0])
 
     def _has_cookie(self, scope: Scope) -> bool:
         """Split by hand: `http.cookies` gives up at what other servers of this machine may have left before ours."""

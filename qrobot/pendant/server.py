@@ -9,15 +9,17 @@ import socket
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager, suppress
 from functools import partial
-from typing import Final
+from typing import Any, Final
 
 import uvicorn
 from fastapi import FastAPI
 from starlette.websockets import WebSocket
+from uvicorn.protocols.http.auto import AutoHTTPProtocol
 
 from qrobot.errors import LinkBusy
 from qrobot.pendant.answering_process import LOGS, SCOPE, AnsweringProcess
 from qrobot.pendant.arm_station import close_all
+from qrobot.pendant.door import BACKLOG, BURST, Door
 from qrobot.pendant.floor import DriveFloor
 from qrobot.pendant.gate import TOKEN_PARAMETER, AsgiApp, Gate
 from qrobot.pendant.live_socket import serve_page
@@ -73,19 +75,20 @@ def address_of(listener: socket.socket, token: str) -> str:
     return f"http://{LOOPBACK}:{listener.getsockname()[1]}/?{TOKEN_PARAMETER}={token}"
 
 
-def server_config(app: AsgiApp) -> uvicorn.Config:
+def server_config(app: AsgiApp, door: Door) -> uvicorn.Config:
     """Settings of the server. The kernel says who is at the far end (`is_of_this_account`), no header of a proxy."""
     return uvicorn.Config(
-        app, log_config=None, log_level="error", access_log=False, ws="websockets-sansio", ws_max_size=1 << 16,
-        ws_ping_interval=5.0, ws_ping_timeout=5.0, timeout_graceful_shutdown=1, lifespan="on", proxy_headers=False,
+        app, http=_watched_by(door), backlog=BURST, log_config=None, log_level="error", access_log=False,
+        ws="websockets-sansio", ws_max_size=1 << 16, ws_ping_interval=5.0, ws_ping_timeout=5.0,
+        timeout_graceful_shutdown=1, lifespan="on", proxy_headers=False,
     )  # fmt: skip
 
 
 def serve(app: Gate, listener: socket.socket, began: Callable[[], None]) -> None:
     """Serve until Ctrl-C; `began` is called when pages are answered."""
-    config = server_config(app)
+    config = server_config(app, app.door)
     logging.getLogger("uvicorn.error").addFilter(tell_in_one_line)
-    server = _Server(config, began)
+    server = PendantServer(config, began)
     with suppress(KeyboardInterrupt):
         asyncio.run(server.serve([listener]))
 
@@ -99,7 +102,30 @@ def tell_in_one_line(record: logging.LogRecord) -> bool:
     return str(error) != CLOSED_WHILE_LOADED
 
 
-class _Server(uvicorn.Server):
+def _watched_by(door: Door) -> type[asyncio.Protocol]:
+    """Connections as uvicorn serves them, of which a door is told."""
+    base: Any = AutoHTTPProtocol
+
+    class Connection(base):  # type: ignore[misc]
+        def connection_made(self, transport: asyncio.Transport) -> None:
+            super().connection_made(transport)
+            door.come(transport)
+
+        def connection_lost(self, error: Exception | None) -> None:
+            door.go(self.transport)
+            super().connection_lost(error)
+
+    return Connection
+
+
+class PendantServer(uvicorn.Server):
+    """Accepts as many connections in a row as `uvicorn.Config.backlog` says; more of them wait in the kernel.
+
+    Args:
+        config: of `server_config`.
+        began: called when pages are answered.
+    """
+
     def __init__(self, config: uvicorn.Config, began: Callable[[], None]) -> None:
         super().__init__(config)
         self._began = began
@@ -107,6 +133,8 @@ class _Server(uvicorn.Server):
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
         """Begin to answer, and say so."""
         await super().startup(sockets)
+        for listener in sockets or []:
+            listener.listen(BACKLOG)
         self._began()
 
 

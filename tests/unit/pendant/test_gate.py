@@ -13,6 +13,7 @@ import pytest
 import uvicorn
 
 from qrobot.cli.pendant import entry_file
+from qrobot.pendant.door import Door
 from qrobot.pendant.gate import Gate, cookie_name, is_of_this_account
 from qrobot.pendant.server import server_config, tell_in_one_line
 from tests.support.accounts import as_other_account, needs_root
@@ -90,6 +91,32 @@ def test_another_account_does_not_come_in_whatever_it_shows(kind: str, path: str
     assert not came_in(knock("http", "/", query=f"token={TOKEN}", host=HOST, ours=False))
 
 
+def test_nobody_without_the_token_makes_the_gate_look_up_whose_a_connection_is() -> None:
+    looked = []
+
+    async def knock_with(cookie: str) -> None:
+        headers = [(b"host", HOST.encode()), (b"cookie", cookie.encode())]
+        scope = {"type": "http", "path": "/", "query_string": b"", "headers": headers}
+
+        def admits(_scope: object) -> bool:
+            looked.append(cookie)
+            return True
+
+        await Gate(_inside, TOKEN, admits=admits)(scope, _nothing, _unheard)
+
+    for cookie in ("", f"{COOKIE}=wrong", IN):
+        asyncio.run(knock_with(cookie))
+    assert looked == [IN]
+
+
+async def _nothing() -> dict[str, Any]:
+    return {}
+
+
+async def _unheard(_message: object) -> None:
+    pass
+
+
 def test_a_connection_of_this_account_is_known_by_its_ends() -> None:
     with socket.create_server(("127.0.0.1", 0)) as server, socket.create_connection(server.getsockname()) as browser:
         near, _ = server.accept()
@@ -115,7 +142,7 @@ async def _ends_of_a_request(header: bytes) -> dict[str, Any]:
             seen["client"] = tuple(scope["client"])
             await _inside(scope, receive, send)
 
-    config = server_config(app)
+    config = server_config(app, Door())
     config.lifespan = "off"
     server = uvicorn.Server(config)
     with socket.create_server(("127.0.0.1", 0)) as listener:
