@@ -81,7 +81,9 @@ class PathStop:
 def plan_path_stop(
     path: Path, clock: float, seconds: float, scheduler: Scheduler, rate: float = 1.0, slope: float = 0.0
 ) -> PathStop:
-    """The shortest stop, of at least `seconds`, that keeps the limits on the path ahead.
+    """The shortest stop, of at least `seconds`, that keeps the limits of speed and acceleration on the path ahead.
+
+    It visits places of the path alone: where a joint stands beyond its range it has begun there.
 
     Path time passes at `rate`, which changes by `slope` per sample.
 
@@ -135,4 +137,4 @@ def _joints_keep_limits(path_stop: PathStop, path: Path, near: Floats, scheduler
 
 def _fits(path_stop: PathStop, path: Path, scheduler: Scheduler) -> bool:
     moments = (path_stop.at(probe * path_stop.length) for probe in _PROBES)
-    return all(scheduler.limits.allow(state) for state in path.states_ahead(moments))
+    return all(scheduler.limits.allow_rates(v, a) for _, v, a in path.states_ahead(moments))

@@ -55,9 +55,9 @@ def replan(
 
 
 def _safe(state: Floats, velocity: Floats, transition: int, scheduler: Scheduler, settings: BlendSettings) -> bool:
-    """True when the transition keeps the limits wherever it is looked at."""
+    """True when the transition keeps the limits wherever it is looked at; for the range see `check_position`."""
     piece = piece_from_state(state, velocity, 0.0, 2.0 * transition)
     return all(
-        scheduler.limits.allow(piece.state(probe, settings))
+        scheduler.limits.allow(piece.state(probe, settings), state[0])
         for probe in np.linspace(0.0, piece.length, _PROBES + 1)[1:]
     )

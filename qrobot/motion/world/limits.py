@@ -68,9 +68,7 @@ class MotionLimits:
         """
         if q.shape != (self.n,) or not np.isfinite(q).all():
             raise MotionError(f"{what}: {self.n} finite joint positions needed, not {q.tolist()}")
-        q_min, q_max = self.q_min, self.q_max
-        if start is not None:
-            q_min, q_max = np.minimum(q_min, start - _ROUNDING), np.maximum(q_max, start + _ROUNDING)
+        q_min, q_max = self._range_from(start)
         if (outside := (q < q_min) | (q > q_max)).any():
             j = int(outside.argmax())
             low, high = (self._place(j, limit[j]) for limit in (self.q_min, self.q_max))
@@ -84,13 +82,26 @@ class MotionLimits:
         """Raises TooFast as `check_velocity` when an acceleration exceeds what may be planned, rounding apart."""
         self._check_rate(a, self.a_planned, "s2", what, remedy, share)
 
-    def allow(self, state: Floats) -> bool:
-        """True when position, velocity and acceleration, shape (3, n), are within the limits, rounding apart."""
+    def allow(self, state: Floats, start: Floats | None = None) -> bool:
+        """True when position, velocity and acceleration, shape (3, n), are within the limits, rounding apart.
+
+        `start` as in `check_position`.
+        """
         q, v, a = state
-        inside = (self.q_min - _ROUNDING <= q) & (q <= self.q_max + _ROUNDING)
+        q_min, q_max = self._range_from(start)
+        return bool(((q_min - _ROUNDING <= q) & (q <= q_max + _ROUNDING)).all()) and self.allow_rates(v, a)
+
+    def allow_rates(self, v: Floats, a: Floats) -> bool:
+        """True when velocity and acceleration, shapes (n,), are within the limits, rounding apart, wherever that is."""
         slow = np.abs(v) <= self.v_max * (1.0 + _ROUNDING)
         gentle = np.abs(a) <= self.a_max * (1.0 + _ROUNDING)
-        return bool((inside & slow & gentle).all())
+        return bool((slow & gentle).all())
+
+    def _range_from(self, start: Floats | None) -> tuple[Floats, Floats]:
+        """Range of a motion that begins at `start` (n,), None for somewhere inside. Shapes (n,)."""
+        if start is None:
+            return self.q_min, self.q_max
+        return np.minimum(self.q_min, start - _ROUNDING), np.maximum(self.q_max, start + _ROUNDING)
 
     def _check_rate(self, values: Floats, limits: Floats, per: str, what: str, remedy: str, share: float) -> None:
         shares = np.abs(values) / limits

@@ -132,6 +132,17 @@ def test_a_joint_is_moved_while_others_stand_outside_their_range_and_one_of_thos
         assert np.ptp(places_of_a_press(robot, start, joint, -back, step)[:, joint]) < STILL  # it goes no farther out
 
 
+@pytest.mark.parametrize("joint", [0, 3])
+def test_an_arm_whose_other_joints_stand_outside_their_range_stops_where_another_does_when_the_key_is_released(
+    joint: int,
+) -> None:
+    ways = []
+    for robot, start in (arm_outside(OUT), arm_outside(())):
+        ways.append(places_of_a_press(robot, start, joint, 1.0, 0.0)[:, joint] - start[joint])
+    assert ways[0][-1] > 0.02
+    assert ways[0] == pytest.approx(ways[1], abs=STILL)
+
+
 @pytest.mark.parametrize("joint", OUT)
 def test_a_motion_leaves_no_joint_farther_outside_its_range_than_it_stood(joint: int) -> None:
     robot, start = arm_outside(OUT)
