@@ -201,8 +201,9 @@ class Generator:
         pause any that waits while such a goal is gone to. A goal whose velocity is still to be found is met as soon as
         that is known.
 
-        A request that is about to begin ends without having begun. Does nothing at rest, nor during a stop; a stop that
-        begins before the next sample takes its place.
+        A request that is about to begin ends without having begun. Does nothing at rest; a stop that begins before the
+        next sample takes its place. A stop under way that was asked to take its time is over as soon as it can be, and
+        ends its request with `code`; any other stays as it is.
         """
         self._sequencer.skip(code)
 
@@ -215,7 +216,7 @@ class Generator:
 
         It stays on its path, and takes at least `seconds`, or ends at its goal where that comes sooner. Where the
         joints cannot follow a Cartesian path so, and on the way to a goal that moves, it stops as soon as its joints
-        can, beside the path.
+        can, beside the path. A stop under way that was asked to take longer becomes this one where that is over sooner.
         """
         self._sequencer.stop(seconds)
 
@@ -223,7 +224,8 @@ class Generator:
         """Come to an absolute rest wherever the joints can, and drop all waiting requests: what is under way must end.
 
         The present request ends with `code`, and `why` in words; at rest it is told that the goal which was followed is
-        lost. A stop that is under way keeps its own code; on a straight line it is left for a stop of the joints.
+        lost. A stop that is under way keeps its own code; on a straight line it is left for a stop of the joints, on a
+        joint path it becomes as short as it can be.
         """
         self._sequencer.abort(code, why)
 

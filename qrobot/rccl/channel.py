@@ -307,7 +307,8 @@ class Channel(HandAndOutputs, MotionParameters):
         """Forget all motions and come to rest, in at least `ms` or at its goal; `completed` when the arm stands.
 
         The arm stays on its path. It stops as soon as its joints can, whatever `ms` is, where they cannot follow a
-        straight line so, and on the way to a frame that moves; the rest is absolute also while one is followed.
+        straight line so, and on the way to a frame that moves; the rest is absolute also while one is followed. A stop
+        under way that takes longer than this one becomes this one.
         """
         (ms,) = numbers("stop", ms)
         if ms < 0.0:

@@ -200,3 +200,65 @@ def test_after_a_stop_on_a_line_the_arm_rests_where_it_was_said_to_and_goes_on_f
     path = [gen.update(14 + k).q for k in range(1, len(planned))]
     assert np.array(path) == pytest.approx(planned[1:], abs=0.0)
     assert path[-1] == pytest.approx(PARK, abs=1e-9)
+
+
+@pytest.mark.parametrize("slow", [1.0, 0.4])
+def test_a_stop_that_was_to_take_long_on_a_line_becomes_a_shorter_one_on_it(slow) -> None:
+    begin, end = (PARK + np.radians([waist, 0.0, 0.0, 0.0, 0.0, 0.0]) for waist in (-30.0, 30.0))
+    a, b = (arm().forward(q)[:3, 3] for q in (begin, end))
+    along = (b - a) / np.linalg.norm(b - a)
+    for sample in range(9, 40, 3):
+        gen = puma_generator(begin)
+        gen.push(line_to(end))
+        ends = []
+
+        def at_tick(tick: int, gen=gen, sample=sample, ends=ends) -> None:
+            if tick == 6:
+                gen.override = slow
+            if tick == 8:
+                gen.stop(6.0)
+            if tick == sample:
+                gen.stop()
+                ends.append(gen._sequencer.last_end())
+
+        outputs = list(run(gen, at_tick))
+        assert ended(outputs) == [("line", STOPPED)]
+        assert len(outputs) - sample <= 24
+        assert_smooth(begin, outputs)
+        places = np.array([arm().forward(output.q)[:3, 3] for output in outputs]) - a
+        assert np.abs(places - np.outer(places @ along, along)).max() <= 1e-6
+        assert (np.diff(places @ along) >= -1e-9).all()
+        assert outputs[-1].q == pytest.approx(ends[0], abs=1e-9)
+
+
+def test_what_is_ended_while_it_stops_slowly_on_a_line_comes_to_rest_as_soon_as_the_joints_can() -> None:
+    begin, end = (PARK + np.radians([waist, 0.0, 0.0, 0.0, 0.0, 0.0]) for waist in (-30.0, 30.0))
+    for sample in range(9, 40, 3):
+        gen = puma_generator(begin)
+        gen.push(line_to(end))
+        deeds = {8: lambda gen=gen: gen.stop(6.0), sample: lambda gen=gen: gen.skip(7)}
+        outputs = list(run(gen, lambda tick, deeds=deeds: deeds[tick]() if tick in deeds else None))
+        assert ended(outputs) == [("line", 7)]
+        assert len(outputs) - sample <= 16
+        assert_smooth(begin, outputs)
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_what_is_ended_while_it_stops_slowly_near_a_wall_keeps_the_margin(way) -> None:
+    """By a monitor that goes on asking for it: where the joints would come to rest within it, on the line."""
+    fences, places, _ = WAYS[way]
+    for sample in range(4, 40, 2):
+        gen = Generator(LIMITS, PERIOD_S, np.array(PARK), kinematics=kinematics(), fences=fences)
+        for k, place in enumerate(places):
+            gen.push(MoveRequest(f"{k}", at_park(place).goal(), FAST, mode=MotionMode.CARTESIAN))
+
+        def at_tick(tick: int, gen=gen, sample=sample) -> None:
+            if tick == sample:
+                gen.stop(4.0)
+            if tick > sample + 2:
+                gen.skip(7)
+
+        outputs = list(run(gen, at_tick))
+        assert min(fences.slack(output.q)[0] for output in outputs) >= 0.0
+        assert len(outputs) - sample <= 30
+        assert_smooth(PARK, outputs)

@@ -7,7 +7,9 @@ Rules:
 * a path stop slows path time down: a segment may begin its transition to rest meanwhile;
 * a joint stop leaves the path; it may also begin at rest, when the goal that is followed moves too fast;
 * a stop is never left but into rest: no segment begins during one, and no other stop, except that a path stop on a
-  Cartesian path goes over into a joint stop when the path turns out not to be for the arm, or is aborted.
+  Cartesian path goes over into a joint stop when the path turns out not to be for the arm, or is aborted, or when the
+  joints are to come to rest sooner than that stop does;
+* a path stop that was to take its time becomes a shorter one, on the same path, when that is asked for.
 """
 
 from __future__ import annotations

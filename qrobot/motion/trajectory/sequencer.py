@@ -94,7 +94,9 @@ class Sequencer:
 
     def skip(self, code: int) -> None:
         """See `Generator.skip`."""
-        if self.busy and not self.stopping:
+        if self.stopping:
+            self._stop_sooner(None, code)
+        elif self.busy:
             self._skipped = self._path.segment, code
 
     def stop(self, seconds: float) -> None:
@@ -102,14 +104,18 @@ class Sequencer:
         self._drop_waiting()
         self._stay_no_longer(Termination.STOPPED)
         stands = self._path.segment is None and self._path.coordinates.fixed
-        if not self.stopping and not stands:
+        if self.stopping:
+            self._stop_sooner(seconds)
+        elif not stands:
             self._begin_stop(self.serving, Termination.STOPPED, seconds)
 
     def abort(self, code: int, why: str) -> None:
         """See `Generator.abort`."""
         if self.stopping:
             self._stay_no_longer(code, why)
-            if not self._trajectory.on_joint_path:  # a stop on it may take long, and the path not be for the arm
+            if self._trajectory.on_joint_path:
+                self._stop_sooner(0.0)
+            else:  # a stop on it may take long, and the path not be for the arm
                 self._trajectory.begin_joint_stop(self._limits)
             return
         if self._path.segment is None:
@@ -364,6 +370,15 @@ class Sequencer:
         self._cut_short(request, code)
         if not self._begin_path_stop(seconds):
             self._trajectory.begin_joint_stop(self._limits)
+
+    def _stop_sooner(self, seconds: float | None, code: int | None = None) -> None:
+        """Let a stop that was to take longer end in `seconds`, with `code`. As `_begin_stop`, but not over a fence."""
+        stop, trajectory, planner = self._stop, self._trajectory, self._planner
+        if stop is None or not trajectory.may_stop_sooner(seconds or 0.0, planner.scheduler):
+            return
+        self._stop = replace(stop, code=stop.code if code is None else code)
+        if not self._begin_path_stop(seconds) and planner.joint_stop_is_clear(trajectory.given_points()):
+            trajectory.begin_joint_stop(self._limits)
 
     def _begin_path_stop(self, seconds: float | None) -> bool:
         """Begin to stop on the path; False where it cannot be, or need not be."""

@@ -68,6 +68,7 @@ class TrajectoryState:
         self._lags = deque([0.0], maxlen=DEPTH)  # of path time behind the newest samples, this one included
         self._path_stop: PathStop | None = None
         self._path_stop_tick = 0
+        self._path_stop_least_s = 0.0
         self._setpoints = SetpointHistory(tick, q)
         self._actual = SetpointHistory(tick, q)  # the same, with joints that follow no setpoints where they are
         self._standing: Floats | None = None
@@ -114,9 +115,15 @@ class TrajectoryState:
     @property
     def rate(self) -> float:
         """Rate of path time at the newest sample: 1 for the speed as programmed, and in a stop of the joints."""
-        if self._path_stop is not None:
-            return self._path_stop.at(self.tick - self._path_stop_tick)[1]
-        return FULL_SPEED if self.path.phase is Phase.JOINT_STOP else self.override.rate
+        return FULL_SPEED if self.path.phase is Phase.JOINT_STOP else self._rate_and_slope[0]
+
+    @property
+    def _rate_and_slope(self) -> tuple[float, float]:
+        """Rate of path time at the newest sample, and its change per sample."""
+        if self._path_stop is None:
+            return self.override.rate, self.override.slope
+        _, rate, slope = self._path_stop.at(self.tick - self._path_stop_tick)
+        return rate, slope
 
     @property
     def held(self) -> bool:
@@ -218,7 +225,7 @@ class TrajectoryState:
         """The setpoint (n,) of this sample is `q`."""
         self._setpoints.append(self.tick, q)
         self._actual.append(self.tick, true_joints(q, self._standing))
-        self._given = Given(self.tick, self.clock, self.override.rate, self.override.slope)
+        self._given = Given(self.tick, self.clock, *self._rate_and_slope)
 
     # ------------------------------------------------------------------------------------------- other pieces
 
@@ -268,25 +275,49 @@ class TrajectoryState:
         """Turn into the transition to rest; late, when a request that was to follow is gone."""
         self.path.end_segment(segment, max(segment.rest_begin, self._given.clock))
 
+    def may_stop_sooner(self, seconds: float, scheduler: Scheduler) -> bool:
+        """A stop on the path that was to take more than `seconds` is under way, and the joints can rest before its end.
+
+        One that was asked to be as short as possible is so.
+        """
+        if self._path_stop is None or not seconds < self._path_stop_least_s:
+            return False
+        return max(seconds, self._shortest_stop_s(scheduler)) < self._left(self._path_stop) * scheduler.period_s
+
     def begin_path_stop(self, segment: Segment, seconds: float, scheduler: Scheduler) -> bool:
         """Begin to stop in at least `seconds` on the path of `segment`, the present one.
+
+        A stop that is under way on it goes on where that is over as soon.
 
         False on a Cartesian path, which has to stand still, when the joints cannot: they have to leave it.
         """
         if not self.path.phase.ending and self.clock > segment.rest_begin:
             self.approach_rest(segment)
-        rate, slope = self.override.rate, self.override.slope
-        if self.on_joint_path:
-            self._path_stop = plan_path_stop(self.path, self.clock, seconds, scheduler, rate, slope)
-        else:
-            state = self._actual.state(scheduler.period_s)
-            least_s = max(seconds, joint_stop_s(state, scheduler.limits, scheduler.blend)[0])
-            self._path_stop = plan_cartesian_stop(self.path, self.clock, least_s, self.newest, scheduler, rate, slope)
-        if self._path_stop is None:
+        path_stop = self._plan_path_stop(seconds, scheduler)
+        if path_stop is None:
             return False
-        self._path_stop_tick = self.tick
-        self.path.begin_path_stop()
+        self._path_stop_least_s = seconds
+        if self._path_stop is None:
+            self.path.begin_path_stop()
+        elif path_stop.length >= self._left(self._path_stop):
+            return True
+        self._path_stop, self._path_stop_tick = path_stop, self.tick
         return True
+
+    def _plan_path_stop(self, seconds: float, scheduler: Scheduler) -> PathStop | None:
+        rate, slope = self._rate_and_slope
+        if self.on_joint_path:
+            return plan_path_stop(self.path, self.clock, seconds, scheduler, rate, slope)
+        least_s = max(seconds, self._shortest_stop_s(scheduler))
+        return plan_cartesian_stop(self.path, self.clock, least_s, self.newest, scheduler, rate, slope)
+
+    def _left(self, path_stop: PathStop) -> float:
+        """Samples until the stop that is under way on the path is over."""
+        return path_stop.length - (self.tick - self._path_stop_tick)
+
+    def _shortest_stop_s(self, scheduler: Scheduler) -> float:
+        """Seconds in which the joints can come to rest from the newest setpoints, wherever that is."""
+        return joint_stop_s(self._actual.state(scheduler.period_s), scheduler.limits, scheduler.blend)[0]
 
     def begin_joint_stop(self, limits: MotionLimits) -> None:
         """Begin to bring the joints to rest from the newest setpoint, as soon as they can, whatever the path was.

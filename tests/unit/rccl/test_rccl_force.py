@@ -248,6 +248,24 @@ def test_a_limit_of_displacement_ends_a_motion_the_robot_does_not_follow(robot) 
     assert P.code == rccl.Termination.MOTION_LIMIT
 
 
+@pytest.mark.parametrize("mode", ["joint", "cartesian"])
+def test_a_limit_ends_a_stop_that_takes_seconds(robot, mode) -> None:
+    rccl.setmode(mode)
+    rccl.setime(200, 2000)
+    P.end = 0
+    rccl.limit("dz", 5.0)
+    rccl.distance("dz", -50.0)
+    rccl.move(P)
+    wait(500)
+    rccl.stop(9000)
+    wait(100)
+    robot.away = np.array([0.0, 0.02, 0.0, 0.0, 0.0, 0.0])
+    begin_ns = rccl.how.t_ns
+    rccl.waitfor(P.end)
+    assert P.code == rccl.Termination.MOTION_LIMIT
+    assert rccl.how.t_ns - begin_ns < 0.6e9
+
+
 def test_a_limit_holds_until_its_motion_has_ended_in_the_middle_of_the_transition(robot) -> None:
     q = makeposition("Q", t6, E, EQ, gentr_rot("UP", 550, 0, -300, yunit, 180), TL, E)
     rccl.setmode("cartesian")
