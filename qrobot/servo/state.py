@@ -128,6 +128,8 @@ class ServoState:
     clears_seen: int = 0
     stops_seen: int = 0
     stop_asked: int = 0  # 1: somebody asked in this cycle for a stop, or for an end of power
+    halted: int = 0  # 1: somebody has asked for either, and that is told still, see `servo.stages.mode_machine`
+    halted_ns: int = 0  # when they did so last
     resumes_seen: int = 0
     resumed_until_ns: int = 0  # until then programs are told of a pause, whose end they have to hear
     powering_since_ns: int = 0

@@ -120,6 +120,11 @@ class StateTable(Generic[VectorT]):
         return bool(self.flags & RobotFlag.AT_REST)
 
     @property
+    def halted(self) -> bool:
+        """Somebody has asked for a stop, or for an end of power, since the servo began to follow setpoints."""
+        return bool(self.flags & RobotFlag.HALTED)
+
+    @property
     def paused(self) -> bool:
         """The operator wants motions to stand still on their path."""
         return bool(self.flags & RobotFlag.PAUSED)

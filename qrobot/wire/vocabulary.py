@@ -63,6 +63,7 @@ class RobotFlag(IntFlag):
     ESTOP_OK = 4
     GUARDED = 8
     AT_REST = 16
+    HALTED = 32
     PAUSED = 64
     NO_TORQUES = 128
     YOU_COMMAND = 0x100
@@ -77,6 +78,7 @@ FLAG_MEANING: Final[dict[RobotFlag, str]] = {
     RobotFlag.ESTOP_OK: "the emergency stop is released, as the board's last image shows it",
     RobotFlag.GUARDED: "the guardian's heartbeat goes on",
     RobotFlag.AT_REST: "the reference of every joint stands still",
+    RobotFlag.HALTED: "somebody has asked for a stop, or an end of power, since the servo began to follow setpoints",
     RobotFlag.PAUSED: "the operator wants motions to stand still on their path",
     RobotFlag.NO_TORQUES: "the drives close the position loop, and nobody knows their torques: `tau` is 0",
     RobotFlag.YOU_COMMAND: "this connection commands",

@@ -26,6 +26,7 @@ FLAG_CALIBRATED: Final = int(RobotFlag.CALIBRATED)
 FLAG_ESTOP_OK: Final = int(RobotFlag.ESTOP_OK)
 FLAG_GUARDED: Final = int(RobotFlag.GUARDED)
 FLAG_AT_REST: Final = int(RobotFlag.AT_REST)
+FLAG_HALTED: Final = int(RobotFlag.HALTED)
 FLAG_PAUSED: Final = int(RobotFlag.PAUSED)
 FLAG_NO_TORQUES: Final = int(RobotFlag.NO_TORQUES)
 

@@ -81,7 +81,7 @@ ADDED: Final = (
 )
 FACTORS: Final = (("override", "the operator's speed override"),)
 ROW_VERSION: Final = 3
-FLAG_UNSEEN: Final = 32  # beside those of `servo.memory.published_state`
+FLAG_UNSEEN: Final = 32  # beside those of `servo.memory.published_state`, and in place of FLAG_HALTED
 SOURCES: Final = {"fault": "event", "flags": "flag_word", "volts": "sensors"}  # fields of the state of another name
 
 Rows = NDArray[Any]  # structured, one record per cycle: dtype of a `TelemetryLayout`

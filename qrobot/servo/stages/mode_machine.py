@@ -33,6 +33,7 @@ from qrobot.servo.memory.stop_record import note_incident
 from qrobot.servo.modes import gives_torque, set_mode, wants_power
 from qrobot.servo.parameters import PUT_BACK_NS, STANDSTILL_RAD_S, ServoParameters
 from qrobot.servo.stages.collision_stop import begin_yielding, forget_yielding
+from qrobot.servo.stages.override import NOTICED_NS
 from qrobot.servo.stages.setpoint_stream import (
     REFUSALS,
     end_stream,
@@ -73,6 +74,7 @@ POWER_STOPPED: Final = int(FaultCode.POWER_STOPPED)
 CAL_NO_TABLE: Final = int(FaultCode.CAL_NO_TABLE)
 COLLISION: Final = int(FaultCode.COLLISION)
 SATURATED: Final = int(FaultCode.SATURATED)
+PUSHES: Final = (COLLISION, SATURATED)  # told of an arm that is held, too, where they stop nothing
 STAGE_IDLE: Final = int(Stage.IDLE)
 LOADING: Final = int(Stage.LOADING)  # the stages from here on move nothing
 
@@ -264,8 +266,8 @@ def _watch_stream(params: ServoParameters, state: ServoState, mail: Any, now_ns:
     if code != 0:
         report_event(state, code, joint)
     elif play:
-        if state.event == state.watch.incident[INCIDENT_CODE] or state.event in REFUSALS:
-            report_event(state, NONE)  # of the stream before: should it happen again, it is an event of its own
+        if state.event == state.watch.incident[INCIDENT_CODE] or state.event in REFUSALS or state.event in PUSHES:
+            report_event(state, NONE)  # of the time before: should it happen again, it is an event of its own
         start_stream(params, state, now_ns)
         set_mode(state, TRACKING)
 
@@ -321,6 +323,18 @@ def power_wanted(state: ServoState, mail: Any) -> int:
     return 1 if asked and state.power_locked == 0 and mail.command.shutdown == 0 else 0
 
 
+@lean_kernel
+def _tell_halt(state: ServoState, now_ns: int) -> None:
+    """Remember that somebody has asked for a stop, or for an end of power, until another stream is followed.
+
+    And a little longer: who sent the first frame of that stream may not have heard of the stop.
+    """
+    if state.stop_asked != 0:
+        state.halted, state.halted_ns = 1, now_ns
+    elif state.mode == TRACKING and now_ns - state.halted_ns > NOTICED_NS:
+        state.halted = 0
+
+
 @part_kernel
 def handle_requests(params: ServoParameters, state: ServoState, mail: Any, now_ns: int) -> None:
     """Act on what the commander asks and on what the present mode waits for.
@@ -360,6 +374,7 @@ def handle_requests(params: ServoParameters, state: ServoState, mail: Any, now_n
         if cleared:
             state.clear_until_ns = now_ns + CLEAR_PATIENCE_NS
         _leave_fault(params, state, mail, now_ns)
+    _tell_halt(state, now_ns)
 
 
 @lean_kernel
@@ -371,7 +386,7 @@ def apply_faults(params: ServoParameters, state: ServoState, mail: Any, now_ns: 
     report_event(state, code, state.pending_joint)
     state.pending = 0
     mode, category = state.mode, category_of(code)
-    if code in (COLLISION, SATURATED) and mode in (TRACKING, STOPPING):
+    if code in PUSHES and mode in (TRACKING, STOPPING):
         begin_yielding(state, code)
     if category == 0 or (category == 1 and mode not in (TRACKING, STOPPING)):
         state.fault = code

@@ -17,6 +17,7 @@ from qrobot.servo.memory.published_state import (
     FLAG_CALIBRATED,
     FLAG_ESTOP_OK,
     FLAG_GUARDED,
+    FLAG_HALTED,
     FLAG_NO_TORQUES,
     FLAG_PAUSED,
     FLAG_POWERED,
@@ -77,6 +78,8 @@ def compose_flags(params: ServoParameters, state: ServoState, mail: Any, now_ns:
         flags |= FLAG_ESTOP_OK
     if guardian_alive(params, mail, now_ns):
         flags |= FLAG_GUARDED
+    if state.halted != 0:
+        flags |= FLAG_HALTED
     if state.paused != 0:
         flags |= FLAG_PAUSED
     if params.position_drives != 0:
@@ -91,7 +94,8 @@ def compose_flags(params: ServoParameters, state: ServoState, mail: Any, now_ns:
 def fill_row(state: ServoState, late_ns: int) -> None:
     """Fill the telemetry row with the fields of the state that it tells."""
     state.late_ns = late_ns
-    state.flag_word = state.flag_bits | state.unseen * FLAG_UNSEEN | state.clipped << 8 | state.misses << 16
+    told = state.flag_bits & ~FLAG_HALTED  # whose bit is FLAG_UNSEEN in a row
+    state.flag_word = told | state.unseen * FLAG_UNSEEN | state.clipped << 8 | state.misses << 16
     for k in range(state.signals.size):
         state.signals[k] = state.memory[SIGNALS_AT + k]
     copy_fields(state, state.row)

@@ -13,9 +13,13 @@ from qrobot.faultcodes import FaultCode, explain
 from qrobot.hwif.registers import DAC, DAC_ZERO, DISCRETE, DISCRETE_CALIBRATED, DISCRETE_POWER, N_DACS
 from qrobot.modecodes import Mode
 from qrobot.servo.event import report_fault
+from qrobot.servo.memory.mailbox import ServoMailbox
+from qrobot.servo.memory.published_state import FLAG_HALTED
+from qrobot.servo.memory.telemetry import FLAG_UNSEEN
 from qrobot.servo.modes import TRANSITIONS, gives_torque
 from qrobot.servo.stages.mode_machine import guardian_alive
 from qrobot.servo.stop_categories import stop_category
+from qrobot.wire.vocabulary import LONGEST_PERIOD_US
 from tests.support.servo_bench import ServoBench, changes, moving, play, swing, writes_at
 
 N = 6
@@ -334,6 +338,59 @@ def test_power_off_does_not_soften_a_stop_that_ends_in_fault() -> None:
     bench.mailbox.request_power(False)
     bench.until(lambda: bench.mode is not Mode.STOPPING)
     assert (bench.mode, bench.fault) == (Mode.FAULT, FaultCode.GUARD_LOST)
+
+
+@pytest.mark.parametrize("ask", [ServoMailbox.request_stop, ServoMailbox.request_power_off])
+@pytest.mark.parametrize("where", [Mode.HOLDING, Mode.TRACKING, Mode.STOPPING])
+def test_a_stop_that_somebody_asks_for_is_told_until_another_stream_is_followed(
+    ask: Callable[[ServoMailbox], None], where: Mode
+) -> None:
+    """Whatever event says why the arm stands, as that of a collision does."""
+    bench = ServoBench().hold()
+    if where is not Mode.HOLDING:
+        moving(bench)
+    if where is Mode.STOPPING:
+        report_fault(bench.state, int(FaultCode.COLLISION))
+        bench.tick(2)
+    assert bench.mode is where
+    assert not bench.snapshot.flags & FLAG_HALTED
+    ask(bench.mailbox)
+    bench.tick()
+    assert bench.snapshot.flags & FLAG_HALTED
+    assert bench.event is (FaultCode.COLLISION if where is Mode.STOPPING else FaultCode.NONE)
+    bench.before.clear()
+    bench.until(lambda: bench.mode in (Mode.HOLDING, Mode.OFF))
+    bench.run(1.0)
+    assert bench.snapshot.flags & FLAG_HALTED
+    assert not (bench.rows()["flags"] & FLAG_UNSEEN).any()
+    bench.mailbox.request_power(False)
+    bench.tick(2)
+    moving(bench, stream=2)
+    assert not bench.snapshot.flags & FLAG_HALTED
+
+
+def test_a_stream_whose_first_frame_crossed_a_stop_tells_of_it_for_a_while() -> None:
+    bench = ServoBench().hold()
+    bench.mailbox.request_stop()
+    bench.tick()
+    play(bench, swing(bench.q, np.zeros(bench.robot.n), 1.0))
+    bench.until(lambda: bench.mode is Mode.TRACKING)
+    assert bench.snapshot.flags & FLAG_HALTED
+    told = bench.until(lambda: not bench.snapshot.flags & FLAG_HALTED)
+    assert told > 2 * LONGEST_PERIOD_US // 1000
+    assert bench.mode is Mode.TRACKING
+
+
+@pytest.mark.parametrize("code", [FaultCode.COLLISION, FaultCode.SATURATED])
+def test_a_push_against_an_arm_that_is_held_is_no_reason_of_a_later_stop(code: FaultCode) -> None:
+    bench = ServoBench().hold()
+    report_fault(bench.state, int(code), 2)
+    bench.tick()
+    assert (bench.mode, bench.event) == (Mode.HOLDING, code)
+    moving(bench)
+    bench.mailbox.request_stop()
+    bench.until(lambda: bench.mode is Mode.HOLDING)
+    assert bench.event is FaultCode.NONE
 
 
 def test_an_emergency_stop_during_a_stop_cuts_at_once() -> None:
