@@ -71,9 +71,9 @@ class KeptMotions:
         if self._path is not None:
             self._path.give_up(seconds)
 
-    def keep(self, fault: ServoFault | LinkError, paused: bool) -> bool:
+    def keep(self, fault: ServoFault | LinkError, held: bool) -> bool:
         """See `PathKeeper.keep`."""
-        if self._retreat.wanted(fault, self.retract_m if self._may_retract(paused) else 0.0):
+        if self._retreat.wanted(fault, self.retract_m if self._may_retract(held) else 0.0):
             return True
         if self._path is None and self.wanted:
             self._path = kept_path(self._queue.engine, self._kinematics, self._queue.tick, fault)
@@ -82,9 +82,9 @@ class KeptMotions:
         self._path.wait_again(fault)
         return True
 
-    def _may_retract(self, paused: bool) -> bool:
+    def _may_retract(self, held: bool) -> bool:
         """Whether the arm, which was on its path, is not wanted at rest."""
-        return self._path is None and not (paused or self._queue.paused or self._queue.engine.stopping)
+        return self._path is None and not (held or self._queue.paused or self._queue.engine.stopping)
 
     def look(self, seen: MachineSample, paused: bool) -> None:
         """See `PathKeeper.look`."""

@@ -40,7 +40,7 @@ from qrobot.rccl.task_group import TaskGroup
 from qrobot.rccl.trace import Trace
 from qrobot.rci import RobotData, TaskDescriptor
 from qrobot.rci.descriptor import HOST, NO_BIT, local_area
-from qrobot.rci.robot_cycle import SERVO_AWAY, CycleHooks, CyclePhase, RobotCycle
+from qrobot.rci.robot_cycle import SERVO_AWAY, CycleHooks, CyclePhase, RobotCycle, may_go_back
 from qrobot.wire import Command, Payload, RobotState, State
 
 _STANDING: Final = 1e-6  # rad/s or m/s: of a setpoint that stands, but for rounding
@@ -326,7 +326,8 @@ class TrajectoryTask:
             raise fault
         if self._retreat.wanted(fault, self.retract_m if self._may_retract else 0.0):
             self._cycle.stand()
-            self._cycle.take_again(self.how is not None and self.how.powered)
+            if self.how is not None:
+                self._cycle.take_again(self.how)
             return
         if self._kept is None and self.keeps_path and self._generator is not None and self._player is None:
             self._kept = kept_path(self._generator, self._kinematics, self.tick, fault)
@@ -340,8 +341,8 @@ class TrajectoryTask:
     def _may_retract(self) -> bool:
         if self._generator is None or self.how is None or (self.group is not None and self.group.tied):
             return False  # it may hold what another one holds
-        at_rest = self._generator.stopping or self.paused or self.how.paused  # it is wanted there
-        return self._kept is None and not at_rest
+        at_rest = self._generator.stopping or self.paused  # it is wanted there
+        return self._kept is None and not at_rest and may_go_back(self.how)
 
     def _wait(self) -> None:
         """Hold whatever can be held, until somebody confirms, or the program gives the path up."""
@@ -350,7 +351,7 @@ class TrajectoryTask:
         self._kept.hear(self.how.paused, self.tick)
         self.insist()
         if self._kept.confirmed and self._kept.judge(self._way_objection):
-            self._cycle.take_again(self.how.powered)
+            self._cycle.take_again(self.how)
         self.chg.path_waits = not self._kept.confirmed
 
     def _way_objection(self, goal: Floats) -> MotionError | None:

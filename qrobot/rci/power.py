@@ -14,8 +14,11 @@ from qrobot.wire import Mode, RobotState
 
 PATIENCE_S: Final = 6.0  # twice what the servo itself waits for power
 REACTION_S: Final = 0.15  # for the servo to answer a request
+CARRIED: Final = frozenset({Mode.HOLDING, Mode.TRACKING, Mode.STOPPING})
+"""Modes in which the servo carries the arm, or brings it to rest."""
 SAME_AGAIN_S: Final = 1.0  # [A] with the event that stood there before: until then it may not have heard the request
 ARRIVED: Final = 1e-6  # rad or m
+LET_GO: Final = "no fault; somebody took its power away"
 
 
 def servo_fault(robot: RobotState, what: str, trace: Sequence[RobotState] = (), without_fault: str = "") -> ServoFault:
@@ -45,11 +48,13 @@ class PowerUp:
     Args:
         period_s: sample period.
         clear_fault: clear a latched fault first instead of raising it.
+        carried: the servo carries the arm. A fault, or an end of its power, is news then that nobody has answered: it
+            is told. So it is once the arm has held.
     """
 
-    def __init__(self, period_s: float, clear_fault: bool) -> None:
+    def __init__(self, period_s: float, clear_fault: bool, carried: bool = False) -> None:
         self._period_s = period_s
-        self._may_clear = clear_fault
+        self._may_clear, self._carried = clear_fault, carried
         self._elapsed_s = 0.0
         self._asked_s: float | None = None  # when power, or a clear, was asked for
         self._event_before = 0  # told before power was
@@ -59,12 +64,15 @@ class PowerUp:
         """Say the next request in `chg`; True once the arm holds.
 
         Raises:
-            ServoFault: a fault is latched, power is refused, or nothing happens in time.
+            ServoFault: a fault is latched, power is refused, or gone from an arm that was carried; or nothing happens
+                in time.
             MotionError: the arm is not calibrated.
         """
         self._elapsed_s += self._period_s
         if self._elapsed_s > PATIENCE_S:
             raise servo_fault(robot, f"the arm did not come to hold within {PATIENCE_S:g} s")
+        if self._carried and robot.mode not in CARRIED:
+            raise servo_fault(robot, "the servo has let go of the arm before it followed", (), LET_GO)
         match robot.mode:
             case Mode.FAULT:
                 self._leave_fault(robot, chg)
@@ -79,6 +87,7 @@ class PowerUp:
             case _:  # powering, or coming to rest after somebody else's program
                 chg.power = True
                 self._powering = self._powering or robot.mode == Mode.POWERING
+        self._carried = self._carried or robot.mode == Mode.HOLDING
         return robot.mode == Mode.HOLDING
 
     def _ask(self, robot: RobotState, chg: Chg) -> None:

@@ -32,7 +32,7 @@ from qrobot.faultcodes import FaultCode
 from qrobot.rci.blackboard import Chg
 from qrobot.rci.chg_check import Asked, check_chg
 from qrobot.rci.descriptor import TaskDescriptor, TaskState, TaskWord
-from qrobot.rci.power import ARRIVED, PowerDown, PowerUp, servo_fault
+from qrobot.rci.power import ARRIVED, CARRIED, PowerDown, PowerUp, servo_fault
 from qrobot.rci.robot_data import RobotData
 from qrobot.wire import Command, Mode, RobotState, State
 
@@ -43,6 +43,11 @@ UNPOWERED: Final = frozenset({Mode.OFF, Mode.FAULT})
 SERVO_AWAY: Final = "bridge or servo was away, or the program was held, while the arm was off its path"
 STOPPED_BY_HAND: Final = "no fault; somebody told it to, or took its power away"
 _SEQ_MODULUS: Final = 1 << 32
+
+
+def may_go_back(robot: RobotState) -> bool:
+    """Whether an arm that has met something may be led back: the servo carries it, and nobody wants it at rest."""
+    return robot.mode in CARRIED and not (robot.paused or robot.halted)
 
 
 class CyclePhase(Enum):
@@ -129,6 +134,8 @@ class RobotCycle:
         self._power_up = PowerUp(period_s, clear_fault)
         self._power_down = PowerDown(period_s, power_off=False)
         self._waited_s = 0.0
+        self._heeds_stops = False  # that somebody asks for: the arm was taken again, and none was told of then
+        self._stop_said = False  # by the task itself, and the robot may not have told of it yet
         self._starts = 0  # streams begun since the arm was taken
         self._stands: tuple[float, ...] = ()  # setpoints that they begin with
         self._runs = 0  # of the control function, not told yet
@@ -160,10 +167,16 @@ class RobotCycle:
         self._td.chg.hold()
         self.phase = CyclePhase.STANDING
 
-    def take_again(self, powered: bool) -> None:
-        """Take an arm that stands: a fault is cleared, and power asked for anew unless it is `powered`."""
-        self._power_up = PowerUp(self._period_s, clear_fault=True)
-        self._td.chg.power = powered
+    def take_again(self, robot: RobotState) -> None:
+        """Take an arm that stands, with all that `robot` tells of it: a fault is cleared, and power asked for anew.
+
+        What comes later, until the arm follows, is not answered but told: a fault or an end of power of an arm that the
+        servo carries, and a stop that somebody asks for.
+        """
+        carried = robot.mode in CARRIED and not robot.fault
+        self._power_up = PowerUp(self._period_s, clear_fault=True, carried=carried)
+        self._td.chg.power = carried or robot.powered
+        self._heeds_stops = carried and not (robot.halted or self._stop_said or self._td.chg.stop)
         self._starts = 0
         self.phase = CyclePhase.POWERING
 
@@ -202,6 +215,7 @@ class RobotCycle:
 
     def _say(self, chg: Chg, state: State, now_ns: int) -> Command:
         self._said = command = chg.command(state, now_ns)
+        self._stop_said |= command.stop
         return command
 
     def describe(self) -> None:
@@ -226,7 +240,19 @@ class RobotCycle:
         self.left_out += (passed - 1) % _SEQ_MODULUS
         self._seq = seq
 
+    def _heed_stop(self, robot: RobotState, chg: Chg) -> bool:
+        """Whether somebody has asked for a stop since the arm was taken again; then it is not to move."""
+        halted = self._heeds_stops and robot.halted
+        if halted:
+            self._heeds_stops = False
+            chg.stop |= self.phase is not CyclePhase.POWERING  # where a stream has begun
+            what = "somebody has stopped the arm before it moved again"
+            self._hooks.stopped(servo_fault(robot, what, self._heard, STOPPED_BY_HAND))
+        return halted
+
     def _power(self, robot: RobotState, chg: Chg, now_ns: int) -> None:
+        if self._heed_stop(robot, chg):
+            return
         try:
             holds = self._power_up.step(robot, chg)
         except ServoFault as fault:
@@ -241,6 +267,8 @@ class RobotCycle:
             self.phase = CyclePhase.STARTING
 
     def _start(self, robot: RobotState, chg: Chg) -> None:
+        if self._heed_stop(robot, chg):
+            return
         self._waited_s += self._period_s
         # A servo that still holds may not have heard of this stream.
         is_over = robot.mode == Mode.STOPPING or self._waited_s > START_S
@@ -270,8 +298,10 @@ class RobotCycle:
         elif robot.mode != Mode.TRACKING:
             what = f"the servo stopped the arm{self._hooks.remark()}"
             self._hooks.stopped(servo_fault(robot, what, self._heard, STOPPED_BY_HAND))
-        elif control is not None:
-            self._control(chg, control)
+        elif not self._heed_stop(robot, chg):
+            self._stop_said = self._stop_said and robot.halted
+            if control is not None:
+                self._control(chg, control)
 
     def _control(self, chg: Chg, control: Callable[[], object]) -> None:
         """Call the control function; what it says of hand and outputs is forgotten when it cannot be."""

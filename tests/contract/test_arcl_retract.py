@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from random import Random
 
 import numpy as np
@@ -142,6 +142,39 @@ def test_what_comes_between_on_the_way_back_ends_it(fake: FakeRobot, how: str, k
     rp.resume()
     rp.wait()
     assert motion.code is EVENT_DONE
+
+
+BETWEEN: dict[str, Callable[[FakeRobot], object]] = {
+    "a fault": lambda fake: fake.break_down(FaultCode.RUNAWAY),
+    "power off": FakeRobot.lose_power_by_hand,
+    "a stop": FakeRobot.stop_by_hand,
+}
+
+
+@pytest.mark.parametrize("later", range(5))
+@pytest.mark.parametrize("what", BETWEEN)
+def test_an_arm_that_somebody_stops_or_a_fault_before_it_goes_back_stays_so(
+    fake: FakeRobot, what: str, later: int
+) -> None:
+    rp = arcl_open(ARCL_AMI, "bridge")
+    arcl_retract(rp, LENGTH_MM)
+    go(rp)
+    rp.wait(lambda: rp.treal > 700.0)
+    met, at, before = fake.seq + 1, len(fake.commands), len(fake.path)
+
+    def happens(seq: int) -> None:
+        if seq == met:
+            fake.meet()
+        if seq == met + 3:
+            fake.rest()
+        if seq == met + later:
+            BETWEEN[what](fake)
+
+    fake.before_period = happens
+    assert told(rp) == (FaultCode.RUNAWAY if what == "a fault" else FaultCode.COLLISION)
+    assert not any(command.clear_fault for command in fake.commands[at:])
+    assert fake.mode is {"a fault": Mode.FAULT, "power off": Mode.OFF}.get(what, fake.mode)
+    assert len(fake.path) == before or np.ptp(fake.path[before:], axis=0).max() < 1e-9
 
 
 @pytest.mark.parametrize("wrong", [-1.0, 301.0, float("nan"), "far"])

@@ -39,6 +39,7 @@ START_NS = 1_000_000_000
 POWERING_PERIODS = 3
 START_TOLERANCE = 0.02
 USUAL_PATIENCE = 2
+HALT_TOLD_PERIODS = 9  # of a stream that is followed: until then the robot tells of a stop that was asked for before it
 SERVO_GONE = WireError(ErrorCode.SERVO_GONE, "the servo does not run; this connection waits for it", False)
 SERVO_NEW = WireError(ErrorCode.SERVO_NEW, "the servo has started anew", False)
 
@@ -75,7 +76,7 @@ class FakeRobot:
         self._t_ns = START_NS
         self._connection = Connection(Side.SERVER)
         self._patience = patience
-        self._powering = 0
+        self._powering = self._halt_told = 0
         self._stream = self._dead_stream = -1
         self._heard = 0
         self._power_seen = False
@@ -90,6 +91,30 @@ class FakeRobot:
     def halt(self, code: FaultCode) -> None:
         """Stop the arm as the servo does when it refuses to go on, without a fault."""
         self.mode, self.event, self._dead_stream = Mode.HOLDING, code, self._stream
+
+    def meet(self, code: FaultCode = FaultCode.COLLISION) -> None:
+        """Begin such a stop, which does not come to rest by itself."""
+        self.halt(code)
+        self.mode = Mode.STOPPING
+
+    def rest(self) -> None:
+        """End a stop that has begun."""
+        self.mode = Mode.HOLDING if self.mode is Mode.STOPPING else self.mode
+
+    def stop_by_hand(self) -> None:
+        """Be told to stop, by somebody beside the program or by itself."""
+        if self.mode is Mode.TRACKING:
+            self.mode, self._dead_stream = Mode.HOLDING, self._stream
+        self._halt_told = HALT_TOLD_PERIODS
+
+    def tell_stop_before_stream(self) -> None:
+        """Follow a stream whose first frame was under way when somebody told it to stop."""
+        self._halt_told = HALT_TOLD_PERIODS
+
+    def lose_power_by_hand(self) -> None:
+        """Be told by somebody beside the program to go without power, until it is asked for anew."""
+        self.mode, self._dead_stream = Mode.OFF, self._stream
+        self._halt_told = HALT_TOLD_PERIODS
 
     def start_anew(self) -> None:
         """Be another servo from the next period on, without power and without a pause; the client is told of it."""
@@ -170,8 +195,8 @@ class FakeRobot:
             self.mode = Mode.OFF
         elif self.mode is Mode.OFF and asked_now:
             self.mode, self._powering = Mode.POWERING, 0
-        if command.stop and self.mode is Mode.TRACKING:
-            self.mode, self._dead_stream = Mode.HOLDING, self._stream
+        if command.stop:
+            self.stop_by_hand()
         self._follow(command)
 
     def _follow(self, command: Command) -> None:
@@ -184,6 +209,7 @@ class FakeRobot:
             self.mode, self._stream = Mode.TRACKING, command.stream
         if self.mode is Mode.TRACKING and command.stream == self._stream:
             self.q = command.setpoints
+            self._halt_told = max(0, self._halt_told - 1)
             self.path.append(self.q)
 
     def _live(self) -> None:
@@ -200,6 +226,7 @@ class FakeRobot:
         still = (0.0,) * len(self.q)
         powered = self.mode not in (Mode.OFF, Mode.POWERING, Mode.FAULT)
         flags = (RobotFlag.POWERED if powered else 0) | (RobotFlag.PAUSED if self.paused else 0)
+        flags |= RobotFlag.HALTED if self._halt_told else 0
         return RobotState(
             t_ns=self._t_ns,
             mode=self.mode,

@@ -10,6 +10,7 @@ import pytest
 from qrobot import rccl
 from qrobot.errors import ServoFault
 from qrobot.faultcodes import FaultCode
+from qrobot.modecodes import Mode
 from qrobot.motion import Termination
 from qrobot.pendant.held_press import Press
 from qrobot.pendant.jog_session import JogSession
@@ -55,6 +56,24 @@ def test_after_a_collision_the_arm_goes_back_slowly_by_the_way_it_came_and_the_p
     assert 0.015 < np.linalg.norm(np.diff(flange, axis=0), axis=1).sum() < 0.05  # there, and not back
     assert np.abs(flange[:, :2] - [X, 0.0]).max() < 0.01
     assert (np.abs(np.diff(q[after::28], axis=0)) <= 0.2 * LIMITS.v_max * 0.028).all()
+
+
+@pytest.mark.parametrize("off", [False, True], ids=["stop", "power off"])
+def test_an_arm_that_somebody_stops_after_its_collision_stays_where_it_is(off: bool) -> None:
+    one = Table(every=14)
+    with rccl.use(lambda hello: link_factory(one, 28_000, hello)), rccl.control(ROBOT.name) as arm:
+        arm.retract(25)
+        go_down(arm)
+        arm.waitas(lambda: one.mailbox.snapshot().event == FaultCode.COLLISION)
+        one.mailbox.request_power_off() if off else one.mailbox.request_stop()
+        with pytest.raises(ServoFault, match="COLLISION"):
+            arm.waitfor(arm.completed)
+    there = one.tip_m()
+    one.run_for(2.0)
+    mode = Mode(int(one.mailbox.snapshot().mode))
+    assert mode is (Mode.OFF if off else Mode.HOLDING)
+    assert off or abs(one.tip_m() - there) < 0.003
+    assert one.tip_m() < 0.01
 
 
 def test_a_path_that_is_kept_waits_off_what_was_met_and_goes_on_when_that_is_gone() -> None:

@@ -28,7 +28,7 @@ from qrobot.rci.descriptor import HOST, NO_BIT, TaskDescriptor, local_area
 from qrobot.rci.environment import environment
 from qrobot.rci.link import Link, LinkFactory, check_welcome, hello_for, sample_period_us
 from qrobot.rci.listening import heard, heard_on_leaving
-from qrobot.rci.robot_cycle import SERVO_AWAY, CycleHooks, CyclePhase, RobotCycle
+from qrobot.rci.robot_cycle import SERVO_AWAY, CycleHooks, CyclePhase, RobotCycle, may_go_back
 from qrobot.rci.robot_data import KnownRobot, RobotData
 from qrobot.rci.sample_drivers import driver_for
 from qrobot.rci.sampled_task import SampleDriver
@@ -259,8 +259,8 @@ class BridgeMachine:
 
     def _stopped(self, fault: ServoFault | LinkError) -> None:
         """The servo holds the arm, or none does. Raises `fault`: nobody keeps its path."""
-        leaving = self._robot.phase is CyclePhase.STOPPING
-        if leaving or self._cycle is None or self._keeper is None or not self._keeper.keep(fault, self.td.how.paused):
+        leaving, held = self._robot.phase is CyclePhase.STOPPING, not may_go_back(self.td.how)
+        if leaving or self._cycle is None or self._keeper is None or not self._keeper.keep(fault, held):
             raise fault
         self._robot.stand()
         self.td.chg.path_waits = True
@@ -270,7 +270,7 @@ class BridgeMachine:
         self.sample = self._sample_of(self.td.how)
         keeper.look(self.sample, self.td.how.paused)
         if self._robot.phase is CyclePhase.STANDING and keeper.may_return(self.sample):
-            self._robot.take_again(self.td.how.powered)
+            self._robot.take_again(self.td.how)
         self.td.chg.path_waits = bool(keeper.reason)
 
     def _lead_back(self) -> None:

@@ -97,10 +97,10 @@ class PathKeeper(Protocol):
     def met(self) -> ServoFault | LinkError | None:
         """The fault of an arm that has been taken again, and is back from what it met: `keep` is to be asked anew."""
 
-    def keep(self, fault: ServoFault | LinkError, paused: bool) -> bool:
+    def keep(self, fault: ServoFault | LinkError, held: bool) -> bool:
         """Control of the arm would end with `fault`; true when the arm is to stand instead, and be taken again.
 
-        `paused` tells that the operator holds motions.
+        `held` tells that somebody beside the program wants it at rest, or that nothing carries it any more.
         """
 
     def look(self, seen: MachineSample, paused: bool) -> None:

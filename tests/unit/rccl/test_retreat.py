@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from random import Random
 
 import numpy as np
@@ -185,6 +185,117 @@ def test_a_stop_on_the_way_back_gives_a_kept_path_up(fake: FakeRobot) -> None:
         arm.waitas(lambda: arm.off_path)
         arm.stop()
         assert told(arm).code == FaultCode.COLLISION
+
+
+BETWEEN: dict[str, Callable[[FakeRobot], object]] = {
+    "a fault": lambda fake: fake.break_down(FaultCode.RUNAWAY),
+    "power off": FakeRobot.lose_power_by_hand,
+    "a stop": FakeRobot.stop_by_hand,
+}
+
+
+@pytest.mark.parametrize("keeps", [False, True])
+@pytest.mark.parametrize("later", range(5))
+@pytest.mark.parametrize("what", BETWEEN)
+def test_an_arm_that_somebody_stops_or_a_fault_before_it_goes_back_stays_so(
+    fake: FakeRobot, what: str, later: int, keeps: bool
+) -> None:
+    """Nothing is cleared, powered or moved that nobody has asked for."""
+    with rccl.control("puma560") as arm:
+        if keeps:
+            arm.keep_path()
+        arm.retract(50)
+        go(arm)
+        arm.waitas(lambda: arm.time > 700)
+        met, at, before = fake.seq + 1, len(fake.commands), len(fake.path)
+
+        def happens(seq: int) -> None:
+            if seq == met:
+                fake.meet()
+            if seq == met + 3:
+                fake.rest()
+            if seq == met + later:
+                BETWEEN[what](fake)
+
+        fake.before_period = happens
+        if keeps:
+            arm.waitas(lambda: arm.kept and fake.seq > met + 50)
+            arm.stop()
+        assert told(arm).code == (FaultCode.RUNAWAY if what == "a fault" else FaultCode.COLLISION)
+        fake.rest()
+        mode = {"a fault": Mode.FAULT, "power off": Mode.OFF, "a stop": Mode.HOLDING}[what]
+        assert fake.mode is mode
+    assert fake.mode is mode
+    assert not any(command.clear_fault for command in fake.commands[at:])
+    assert np.ptp(fake.path[before:], axis=0).max() < 1e-9
+
+
+@pytest.mark.parametrize("keeps", [False, True])
+def test_a_stop_that_was_asked_for_when_the_way_back_was_about_to_begin_ends_it(fake: FakeRobot, keeps: bool) -> None:
+    with rccl.control("puma560") as arm:
+        if keeps:
+            arm.keep_path()
+        arm.retract(50)
+        go(arm)
+        arm.waitas(lambda: arm.time > 700)
+        fake.halt(FaultCode.COLLISION)
+        before = len(fake.path)
+        arm.waitas(lambda: fake.mode is Mode.TRACKING)
+        fake.tell_stop_before_stream()
+        if keeps:
+            begin = arm.time
+            arm.waitas(lambda: arm.time > begin + 1000.0)
+            assert "COLLISION" in arm.kept
+            assert fake.mode is Mode.HOLDING
+            arm.stop()
+        assert told(arm).code == FaultCode.COLLISION
+    assert np.ptp(fake.path[before:], axis=0).max() < 1e-9
+
+
+@pytest.mark.parametrize("what", ["power off", "a stop"])
+def test_a_push_from_before_the_motion_is_no_reason_to_go_back_after_a_stop(fake: FakeRobot, what: str) -> None:
+    with rccl.control("puma560") as arm:
+        arm.retract(50)
+        fake.event = FaultCode.COLLISION
+        go(arm)
+        arm.waitas(lambda: arm.time > 700)
+        BETWEEN[what](fake)
+        before = len(fake.path)
+        told(arm)
+    assert len(fake.path) == before
+
+
+@pytest.mark.parametrize("later", range(1, 9))
+@pytest.mark.parametrize("what", BETWEEN)
+def test_what_comes_between_the_word_to_go_on_and_the_way_to_the_path_waits_for_another_word(
+    fake: FakeRobot, what: str, later: int
+) -> None:
+    """The word comes while the servo still brings the arm to rest."""
+    with rccl.control("puma560") as arm:
+        arm.keep_path()
+        go(arm)
+        arm.waitas(lambda: arm.time > 700)
+        met, at, before = fake.seq + 1, len(fake.commands), len(fake.path)
+
+        def happens(seq: int) -> None:
+            if seq == met:
+                fake.meet()
+            if seq == met + 3:
+                arm.resume()
+            if seq == met + 10:
+                fake.rest()
+            if seq == met + 3 + later:
+                BETWEEN[what](fake)
+
+        fake.before_period = happens
+        arm.waitas(lambda: fake.seq > met + 60)
+        assert arm.kept
+        assert not any(command.clear_fault for command in fake.commands[at:])
+        assert len(fake.path) == before or np.ptp(fake.path[before:], axis=0).max() < 1e-9
+        fake.before_period = None
+        arm.resume()
+        arm.waitfor(arm.completed)
+    assert np.degrees(fake.q) == pytest.approx(END)
 
 
 @pytest.mark.parametrize("wrong", [-1.0, 301.0, float("nan")])
