@@ -3,8 +3,9 @@
 The real board has no watchdog and its DACs hold the last torque, so a dead servo would leave the motors driven. The
 guardian maps servo and board memory on its own. When an armed servo's heartbeat is older than the bound it marks the
 takeover (the servo, should it wake, writes nothing more), drops arm power and writes zero torque, 0x800 and not 0, to
-all DACs, again and again, until a servo has cleared the fault. The servo in turn stops the arm when the guardian's
-heartbeat is gone.
+all DACs, again and again, until a servo has cleared the fault. A servo that was stopped while it posted, or wrote to a
+card, still finishes that: the guardian sees the lane move within a millisecond, and makes the board safe again. The
+servo in turn stops the arm when the guardian's heartbeat is gone.
 
 What it cannot do: a kernel panic or a power cut of the PC needs hardware (a charge pump and a relay).
 """
@@ -23,7 +24,7 @@ from qrobot.hwif.arm_clock import STALL_NS, arm_time_ns, may_slip_ns
 from qrobot.hwif.board_memory import BoardMemory, Lane, attach_board_memory, local_board_memory
 from qrobot.hwif.isa.card import CARD_BASE, CARD_KIND, NO_CARD, REAL_CARD, make_card, pour_lane
 from qrobot.hwif.isa.permission import require_ports
-from qrobot.hwif.lanes import pending_operations, post_operations
+from qrobot.hwif.lanes import pending_operations, post_operations, posted_so_far, taken_so_far
 from qrobot.hwif.operations import ALL_ANALOG, OP_FIELDS, put_analog, put_outputs, put_write
 from qrobot.hwif.registers import DAC, DAC_ZERO, DISCRETE, DISCRETE_POWER, N_DACS
 from qrobot.realtime.atomics import load_acquire, store_release
@@ -43,14 +44,17 @@ from qrobot.servo.memory.servo_memory import (
 from qrobot.servo.memory.telemetry import SMALLEST_RING
 from qrobot.units import NS_PER_S
 
+SERVO_LANE: Final = int(Lane.SERVO)
 GUARDIAN_LANE: Final = int(Lane.GUARDIAN)
 N_SAFE_OPS: Final = 3 + N_DACS
 LOOKS_PER_TIMEOUT: Final = 5  # a look every fifth of the bound: reaction within 1.2 times the bound
 SLICE_NS: Final = NS_PER_S // 5
+HELD_LOOK_NS: Final = 1_000_000  # [A] between two looks at what a servo posts whose board is taken
 LEAVE_NS: Final = NS_PER_S // 2  # [A] beyond the bound, for a board to take what makes it safe
 
-# the guardian's own memory; outlives servo restarts
-TRIPPED, TRIPS, LAST_DISCRETE, LINES, KEPT, ANALOG, WAS_ARMED, N_OWN = range(8)  # WAS_ARMED: said by a servo that beat
+# The guardian's own memory; outlives servo restarts. WAS_ARMED: said by a servo that beat; POSTED and POURED: where the
+# servo's lane was before the board was made safe last.
+TRIPPED, TRIPS, LAST_DISCRETE, LINES, KEPT, ANALOG, WAS_ARMED, POSTED, POURED, N_OWN = range(10)
 
 
 @lean_kernel
@@ -68,6 +72,12 @@ def make_safe(own: Any, board: BoardMemory, ops: Any) -> bool:
     if own[ANALOG] != 0:
         n = put_analog(ops, n, ALL_ANALOG, 0)
     return post_operations(board, GUARDIAN_LANE, ops, n)
+
+
+@lean_kernel
+def servo_has_written(own: Any, board: BoardMemory) -> bool:
+    """Whether the servo has posted, or its board or card taken something of it, since the board was made safe last."""
+    return bool(own[POSTED] != posted_so_far(board, SERVO_LANE) or own[POURED] != taken_so_far(board, SERVO_LANE))
 
 
 @lean_kernel
@@ -97,9 +107,24 @@ def look(own: Any, mail: ServoFront, board: BoardMemory, card: Any, ops: Any, no
     store_release(mail.guardian, "takeover", own[TRIPPED])
     store_release(mail.guardian, "t_ns", now_ns)
     if own[TRIPPED] != 0:
+        own[POSTED], own[POURED] = posted_so_far(board, SERVO_LANE), taken_so_far(board, SERVO_LANE)
         make_safe(own, board, ops)
     if card[CARD_KIND] != NO_CARD:
         pour_lane(card, board, GUARDIAN_LANE, now_ns)
+
+
+@lean_kernel
+def await_look(own: Any, board: BoardMemory, due_ns: int) -> int:
+    """Sleep until the next look is due, or, while the guardian holds the board, until the servo has written to it.
+
+    Returns when that is.
+    """
+    while own[TRIPPED] != 0 and monotonic_ns() < due_ns - HELD_LOOK_NS:
+        sleep_until_ns(monotonic_ns() + HELD_LOOK_NS)
+        if servo_has_written(own, board):
+            return monotonic_ns()
+    sleep_until_ns(due_ns)
+    return due_ns
 
 
 @lean_kernel
@@ -131,8 +156,7 @@ def watch(
         now_ns = arm_time_ns(board, slips)
         allowed += may_slip_ns(board, slips, now_ns)
         look(own, mail, board, card, ops, now_ns, allowed)
-        deadline = max(deadline + period_ns, monotonic_ns())
-        sleep_until_ns(deadline)
+        deadline = await_look(own, board, max(deadline + period_ns, monotonic_ns()))
 
 
 class Guardian:

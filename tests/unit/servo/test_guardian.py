@@ -6,15 +6,16 @@ import os
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from typing import Any
 
 import numpy as np
 import pytest
 
 from qrobot.faultcodes import FaultCode
-from qrobot.hwif.board_memory import LANE_CAPACITY, Lane, create_board_memory, local_board_memory
+from qrobot.hwif.board_memory import LANE_CAPACITY, BoardMemory, Lane, create_board_memory, local_board_memory
 from qrobot.hwif.isa.card import NO_CARD, make_card
-from qrobot.hwif.lanes import pending_operations, take_all_operations
-from qrobot.hwif.operations import OP_FIELDS
+from qrobot.hwif.lanes import pending_operations, post_operations, take_all_operations, take_operation
+from qrobot.hwif.operations import OP_FIELDS, OP_WRITE
 from qrobot.hwif.registers import (
     DAC,
     DAC_ZERO,
@@ -33,12 +34,14 @@ from qrobot.realtime.structure import view_words
 from qrobot.servo.memory.servo_memory import arm_is_driven, create_servo_memory, servo_front
 from qrobot.servo.process import guardian as guardian_module
 from qrobot.servo.process.guardian import (
+    HELD_LOOK_NS,
     LOOKS_PER_TIMEOUT,
     N_OWN,
     N_SAFE_OPS,
     TRIPPED,
     TRIPS,
     Guardian,
+    await_look,
     look,
     monotonic_now,
     watch,
@@ -53,6 +56,7 @@ SILENT_MS, PATIENT_MS = 1000.0, 2000.0  # bound of a guardian that is to trip, a
 OPERATIONS = np.zeros((LANE_CAPACITY, OP_FIELDS), dtype=np.int64)
 LANES = np.zeros(len(OPERATIONS), np.int64)
 NO_CARD_WORDS = make_card(NO_CARD)
+TORQUE = np.array([[OP_WRITE, DAC, 0x7A5]])
 
 
 class Watchman:
@@ -361,15 +365,69 @@ def test_on_a_real_board_it_looks_five_times_per_bound_and_allows_the_bound_howe
         "sleep_until_ns": sleep_until_ns,
         "load_acquire": lambda words, k: words[k],
         "look": lambda *asked: looks.append(asked[-2:]),
+        "await_look": getattr(await_look, "py_func", await_look),
     }.items():
         monkeypatch.setattr(guardian_module, name, fake)
     run, stop = getattr(watch, "py_func", watch), np.zeros(1, np.int64)
-    run(None, None, None, None, None, stop, TIMEOUT_NS, 20 * TIMEOUT_NS, 0)
+    run(np.zeros(N_OWN, np.int64), None, None, None, None, stop, TIMEOUT_NS, 20 * TIMEOUT_NS, 0)
     times_ns, allowed_ns = np.array(looks).T
     gaps_ns = np.sort(np.diff(times_ns))
     assert set(allowed_ns) == {TIMEOUT_NS}
     assert gaps_ns[-2] <= TIMEOUT_NS / 5
     assert gaps_ns[-1] <= TIMEOUT_NS / 5 + slept_ns
+
+
+def one_more(board: BoardMemory) -> None:
+    """The servo posts a torque."""
+    assert post_operations(board, int(Lane.SERVO), TORQUE, 1)
+
+
+def one_less(board: BoardMemory) -> None:
+    """The servo writes to its card what it has posted."""
+    assert take_operation(board, int(Lane.SERVO), np.zeros(OP_FIELDS, np.int64))
+
+
+@pytest.mark.parametrize("writes", [one_more, one_less], ids=["posts", "writes to its card"])
+def test_a_servo_that_wakes_up_in_the_middle_of_its_writing_is_overruled_within_a_millisecond(
+    monkeypatch: pytest.MonkeyPatch, writes: Callable[[BoardMemory], None]
+) -> None:
+    """However patient the guardian is: a fifth of its bound is 20 ms here."""
+    began_ns, patient_ns = 1_000_000_000, 100_000_000
+    now_ns, looks = [began_ns], list[int]()
+    mail, board = servo_front(ServoBench().mailbox.words), local_board_memory()
+    mail.heartbeat.armed, mail.heartbeat.t_ns, mail.heartbeat.discrete = 1, began_ns, DISCRETE_POWER
+    for _ in range(3):
+        one_more(board)
+    due_ns = [began_ns + us * 1000 for us in (150_300, 152_100, 177_700)]
+    written = list(due_ns)
+
+    def sleep_until_ns(deadline_ns: int) -> None:
+        now_ns[0] = max(now_ns[0], deadline_ns)
+        while due_ns and due_ns[0] <= now_ns[0]:
+            del due_ns[0]
+            writes(board)
+
+    def look_and_note(*asked: Any) -> None:
+        looks.append(asked[-2])
+        look(*asked)
+
+    for name, fake in {
+        "monotonic_ns": lambda: now_ns[0],
+        "arm_time_ns": lambda *_: now_ns[0],
+        "may_slip_ns": lambda *_: 0,
+        "sleep_until_ns": sleep_until_ns,
+        "load_acquire": lambda words, k: words[k],
+        "look": look_and_note,
+        "await_look": getattr(await_look, "py_func", await_look),
+    }.items():
+        monkeypatch.setattr(guardian_module, name, fake)
+    run, stop, own = getattr(watch, "py_func", watch), np.zeros(1, np.int64), np.zeros(N_OWN, np.int64)
+    ops = np.zeros((N_SAFE_OPS, OP_FIELDS), dtype=np.int64)
+    run(own, mail, board, NO_CARD_WORDS, ops, stop, patient_ns, began_ns + 3 * patient_ns, 0)
+    assert own[TRIPPED] == 1
+    for t_ns in written:
+        assert any(t_ns <= look_ns <= t_ns + HELD_LOOK_NS for look_ns in looks)
+    assert len(looks) <= 3 * LOOKS_PER_TIMEOUT + len(written) + 1
 
 
 def test_a_board_that_takes_nothing_does_not_make_the_guardian_forget() -> None:
