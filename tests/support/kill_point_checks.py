@@ -233,6 +233,24 @@ def test_a_servo_that_starts_after_the_bound_finds_the_board_taken() -> None:
     assert bench.way.registers.safe
 
 
+def test_what_waits_for_the_card_when_the_guardian_takes_the_board_is_not_written() -> None:
+    bench = holding("port")
+    write_card = bench.way.after_cycle
+
+    def stalled(_bench: DyingBench) -> None:
+        bench.sleep(8)
+        assert bench.own[TRIPPED]
+        bench.way.registers.driven = False
+        write_card(bench)
+
+    bench.way.after_cycle = stalled  # type: ignore[method-assign]
+    bench.tick()
+    bench.way.after_cycle = write_card  # type: ignore[method-assign]
+    bench.tick(4)
+    assert not bench.way.registers.driven
+    assert (bench.mode, bench.fault) == (Mode.FAULT, FaultCode.GUARD_TRIP)
+
+
 GLUE = (OutputWire(1, "glue", bit=3),)
 
 
@@ -288,11 +306,11 @@ def test_a_board_that_is_deaf_when_the_servo_dies_gets_power_off_as_soon_as_it_h
 def test_a_servo_that_stalls_anywhere_and_goes_on_does_not_undo_what_the_guardian_did(
     asks: bool, way: str, step: int
 ) -> None:
-    """The list it was about to post when the guardian took the board may act, until the guardian's next look."""
+    """A list that it was just posting when the guardian took the board may act, until the guardian's next look."""
     whole = asking(way, asks)
     with whole.dying():
         whole.tick(4)
-    taken = 0
+    taken = silenced = 0
     for at in range(1, whole.points, step):
         bench = asking(way, asks)
         with bench.stalling(at, 30):
@@ -300,11 +318,14 @@ def test_a_servo_that_stalls_anywhere_and_goes_on_does_not_undo_what_the_guardia
         bench.tick(4)
         if bench.own[TRIPPED]:
             taken += 1
+            silenced += bench.silenced
             assert bench.way.registers.safe
+            assert not (bench.silenced and bench.way.registers.driven)
             assert (bench.mode, bench.fault) == (Mode.FAULT, FaultCode.GUARD_TRIP)
         else:  # it stalled before it was armed, or was not any more
             assert bench.mode in (Mode.POWERING, Mode.HOLDING, Mode.OFF)
     assert taken > 2
+    assert silenced > 0
 
 
 def asking(way: str, power: bool) -> DyingBench:

@@ -11,6 +11,10 @@ and taken back only when the board
 Until then a servo without power says so again in every cycle. One that has just started is armed as well: nobody knows
 what a predecessor has left at the board. On every way to a board an image follows the operations taken before it, or
 the board is lost and made safe when it is found again.
+
+While the guardian has the board the servo posts nothing. That is looked at where a list is made, and again where it is
+posted, and where it is written to a card: a servo that stalls on its way would undo what the guardian has done
+meanwhile.
 """
 
 from __future__ import annotations
@@ -20,7 +24,7 @@ from typing import Any, Final
 from qrobot.hwif.board_memory import BoardMemory, Lane
 from qrobot.hwif.lanes import posted_so_far, taken_so_far
 from qrobot.hwif.registers import STATUS_POWER
-from qrobot.realtime.atomics import store_release
+from qrobot.realtime.atomics import load_acquire, store_release
 from qrobot.realtime.jit import lean_kernel
 from qrobot.servo.state import (
     ServoState,
@@ -29,6 +33,12 @@ from qrobot.servo.state import (
 SERVO_LANE: Final = int(Lane.SERVO)
 IMAGES_TO_SHOW: Final = 2  # the image being made while operations are taken may lack them; the one after it has them
 NONE: Final = -1
+
+
+@lean_kernel
+def guardian_holds(mail: Any) -> bool:
+    """Whether the guardian has taken the board, so that the servo writes nothing."""
+    return bool(load_acquire(mail.guardian, "takeover") != 0)
 
 
 @lean_kernel
@@ -50,20 +60,21 @@ def say_again(state: ServoState) -> bool:
 @lean_kernel
 def stands_down(state: ServoState, mail: Any) -> bool:
     """The servo may end: its board carries nothing, it has never written to it, or the guardian has taken it."""
-    return bool(state.armed == 0 or state.started == 0 or mail.guardian.takeover != 0)
+    return bool(state.armed == 0 or state.started == 0 or guardian_holds(mail))
 
 
 @lean_kernel
-def disarm_when_safe(state: ServoState, mail: Any, board: BoardMemory, posted: bool) -> None:
+def disarm_when_safe(state: ServoState, mail: Any, board: BoardMemory, held: bool, posted: bool) -> None:
     """Let the guardian stand down, after a cycle, once the board has shown that it carries neither torque nor power.
 
     Args:
+        held: the guardian has the board.
         posted: the lane has taken this cycle's list.
     """
     if state.armed == 0 or state.started == 0:
         return
     head = posted_so_far(board, SERVO_LANE)
-    if state.driven != 0 or mail.guardian.takeover != 0 or head < state.safe_head:  # the last: another board's memory
+    if state.driven != 0 or held or head < state.safe_head:  # the last: another board's memory
         state.safe_head, state.safe_image = NONE, NONE
     elif state.safe_head == NONE:
         state.safe_head = head if posted else NONE

@@ -14,12 +14,12 @@ from qrobot.hwif.arm_clock import await_board, slipped_ns
 from qrobot.hwif.board_memory import BoardMemory, Lane, fetch_image, newest_count
 from qrobot.hwif.image import IMAGE_T_NS
 from qrobot.hwif.isa.card import CARD_KIND, NO_CARD, serve_card, show_card
-from qrobot.hwif.lanes import post_operations
+from qrobot.hwif.lanes import discard_operations, post_operations
 from qrobot.realtime.atomics import load_acquire
 from qrobot.realtime.clock import monotonic_ns, pause, sleep_until_ns
 from qrobot.realtime.jit import lean_kernel
 from qrobot.realtime.thread_time import thread_time
-from qrobot.servo.checks.guardian_arming import disarm_when_safe, stands_down
+from qrobot.servo.checks.guardian_arming import disarm_when_safe, guardian_holds, stands_down
 from qrobot.servo.checks.timing_checks import own_ns
 from qrobot.servo.cycle import cycle
 from qrobot.servo.kernels.converter import note_post
@@ -96,12 +96,21 @@ def one_cycle(
     state.board_joints = board.facts.joints
     note_losses(state, board.facts.losses, now_ns + late_ns)
     n_ops = cycle(params, state, mail, now_ns, late_ns)
-    posted = post_operations(board, SERVO_LANE, state.ops, n_ops, now_ns)
+    held = guardian_holds(mail)  # looked at again: the cycle may have stalled since it looked
+    posted = not held and post_operations(board, SERVO_LANE, state.ops, n_ops, now_ns)
     note_post(state.adc, newest_count(board), now_ns)
     if not posted:
         state.discrete_sent = -1  # the board takes nothing at present: to be said again
-    disarm_when_safe(state, mail, board, posted)
+    disarm_when_safe(state, mail, board, held, posted)
     append_telemetry(ring, state.row)
+
+
+@lean_kernel
+def write_card(mail: Any, board: BoardMemory, card: Any, now_ns: int) -> None:
+    """Write to a card what was posted; what the servo has posted is void once the guardian has the board."""
+    if guardian_holds(mail):
+        discard_operations(board, SERVO_LANE)
+    serve_card(card, board, now_ns)
 
 
 @lean_kernel
@@ -141,7 +150,7 @@ def run(
             show_card(card, board, started)
         one_cycle(params, state, mail, ring, board, deadline, started - deadline)
         if card[CARD_KIND] != NO_CARD:
-            serve_card(card, board, started)
+            write_card(mail, board, card, started)
         slipped = await_board(board, params.board_slips, started)  # a stall inside the cycle slips as one outside does
         mail.heartbeat.slipped_ns = slipped
         finished = max(started, monotonic_ns() - slipped)

@@ -32,7 +32,7 @@ from qrobot.model.transmission import (
 from qrobot.realtime.jit import lean_kernel, part_kernel
 from qrobot.servo.calibration.potentiometers import has_table
 from qrobot.servo.calibration.procedure import post_latches
-from qrobot.servo.checks.guardian_arming import keep_armed, say_again
+from qrobot.servo.checks.guardian_arming import guardian_holds, keep_armed, say_again
 from qrobot.servo.checks.limit_checks import limit_torque
 from qrobot.servo.checks.lost_counts import post_index_watch
 from qrobot.servo.checks.potentiometer_monitor import wanted_channels
@@ -242,7 +242,7 @@ def write(params: ServoParameters, state: ServoState, mail: Any) -> int:
     mail.heartbeat.discrete = state.discrete_word & ~params.outputs.off_discrete
     left_on = state.outputs & params.outputs.off != 0 or analog_on(params, state)  # to be ended should we die
     keep_armed(state, mail, wants_power(state.mode) or left_on)  # before anything is posted
-    if mail.guardian.takeover != 0:
+    if guardian_holds(mail):
         state.discrete_sent = -1
         return 0
     n = 0
