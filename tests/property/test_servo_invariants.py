@@ -188,6 +188,7 @@ class ServoMachine(RuleBasedStateMachine):
     def guardian_takes_the_board(self) -> None:
         self.bench.mail.guardian.trips += 1
         self.bench.mail.guardian.takeover = 1
+        self.bench.mail.guardian.t_ns = self.bench.now_ns  # it lives
         written = sum(write.lane is Lane.SERVO for write in self.bench.writes)
         self.bench.tick(3)
         assert sum(write.lane is Lane.SERVO for write in self.bench.writes) == written

@@ -16,6 +16,7 @@ from qrobot.hwif.board_memory import Lane
 from qrobot.hwif.lanes import discard_operations
 from qrobot.modecodes import Mode
 from qrobot.realtime.jit import jit_disabled
+from qrobot.servo.checks.guardian_arming import stands_down
 from qrobot.servo.laws.law_swap import SWAPPED, ask_for_law, maybe_swap_result
 from qrobot.servo.laws.shipped import find_law
 from qrobot.servo.output_lines import OutputWire
@@ -249,6 +250,19 @@ def test_what_waits_for_the_card_when_the_guardian_takes_the_board_is_not_writte
     bench.tick(4)
     assert not bench.way.registers.driven
     assert (bench.mode, bench.fault) == (Mode.FAULT, FaultCode.GUARD_TRIP)
+
+
+@pytest.mark.parametrize("way", ways("memory", "port"))
+def test_a_guardian_that_dies_while_it_takes_the_board_leaves_a_servo_that_makes_it_safe_before_it_ends(
+    way: str,
+) -> None:
+    for at in (*range(1, 9), *range(9, 100, 13)):
+        bench = holding(way)
+        assert bench.sleep_beside_a_dying_guardian(8, at)
+        bench.mail.command.shutdown = 1
+        bench.tick()
+        bench.until(lambda bench=bench: stands_down(bench.state, bench.mail), seconds=0.05)
+        assert bench.way.registers.safe, at
 
 
 GLUE = (OutputWire(1, "glue", bit=3),)

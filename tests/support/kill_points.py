@@ -51,6 +51,10 @@ NO_CARD_WORDS = make_card(NO_CARD)
 POSTING = {"post_operations", "pour_lane"}
 
 
+class GuardianDiedError(Exception):
+    """Ends the look in which it dies."""
+
+
 class Registers:
     """What of a board holds the arm: DACs and DISCRETE, as last written.
 
@@ -134,7 +138,8 @@ class PortWay(MemoryWay):
         self._follow(self.servo_card)
 
     def after_cycle(self, bench: DyingBench) -> None:
-        write_card(bench.mail, bench.board, self.servo_card, bench.now_ns)
+        params, state = bench._blocks
+        write_card(params[0], state[0], bench.mail, bench.board, self.servo_card, bench.now_ns)
         self._follow(self.servo_card)
 
     def step(self, _board: Any, _now_ns: int) -> None:
@@ -301,6 +306,41 @@ class DyingBench(ServoBench):
 
     # dying
 
+    def sleep_beside_a_dying_guardian(self, ms: int, at: int) -> bool:
+        """The servo does not run for so long, and the guardian dies after its store number `at` since it tripped.
+
+        False when it makes fewer.
+        """
+        left = at
+
+        def stored() -> None:
+            nonlocal left
+            left -= self.own[TRIPPED]
+            if left == 0:
+                raise GuardianDiedError
+
+        for _ in range(ms * 1_000_000 // STEP_NS):
+            self.now_ns += STEP_NS
+            if self.own is not None and self.now_ns % LOOK_NS == PHASE_NS:
+                self._look_and_tell(stored)
+            self.way.step(self.plain_board, self.now_ns)
+        return self.own is None
+
+    def _look_and_tell(self, stored: Callable[[], None]) -> None:
+        """One look of the guardian, which tells of its stores, and may die of one."""
+        card = self.way.guardian_card
+        SharedRecord.told = staticmethod(stored)
+        if card is not NO_CARD_WORDS:
+            card.stored = stored
+        try:
+            look(self.own, self.mail, self.board, card, self.safe_ops, self.now_ns, TIMEOUT_NS)
+        except GuardianDiedError:
+            self.own = None
+        finally:
+            SharedRecord.told = None
+            if card is not NO_CARD_WORDS:
+                card.stored = None
+
     @contextmanager
     def dying(self) -> Iterator[None]:
         """Inside, the servo dies after every store, each time in a world of its own."""
@@ -359,8 +399,8 @@ class DyingBench(ServoBench):
 
 
 def run(own: Any, mail: Any, board: Any, way: MemoryWay, ops: Any, from_ns: int, until_ns: int) -> None:
-    """Guardian and board from one time to another."""
+    """Guardian, unless `own` is None for a dead one, and board from one time to another."""
     for t_ns in range(from_ns - from_ns % STEP_NS + STEP_NS, until_ns + 1, STEP_NS):
-        if t_ns % LOOK_NS == PHASE_NS:
+        if own is not None and t_ns % LOOK_NS == PHASE_NS:
             look(own, mail, board, way.guardian_card, ops, t_ns, TIMEOUT_NS)
         way.step(board, t_ns)

@@ -42,7 +42,10 @@ def test_an_arm_of_one_sliding_joint_is_held_and_stopped(chosen: str) -> None:
     python("pytest", "-q", "-p", "no:cacheprovider", "-k", chosen, "tests/support/one_joint_checks.py")
 
 
-SOME_DEATHS = "(leaves_holding and power_off-memory) or powers_up or (stalls_anywhere and memory) or waits_for_the_card"
+SOME_DEATHS = (
+    "(leaves_holding and power_off-memory) or powers_up or (stalls_anywhere and memory) or waits_for_the_card"
+    " or guardian_that_dies"
+)
 
 
 @pytest.mark.parametrize("chosen", [SOME_DEATHS, *wide("")], ids=["some", "all"])

@@ -26,6 +26,8 @@ from qrobot.hwif.lanes import posted_so_far, taken_so_far
 from qrobot.hwif.registers import STATUS_POWER
 from qrobot.realtime.atomics import load_acquire, store_release
 from qrobot.realtime.jit import lean_kernel
+from qrobot.servo.modes import wants_power
+from qrobot.servo.parameters import ServoParameters
 from qrobot.servo.state import (
     ServoState,
 )
@@ -34,11 +36,20 @@ SERVO_LANE: Final = int(Lane.SERVO)
 IMAGES_TO_SHOW: Final = 2  # the image being made while operations are taken may lack them; the one after it has them
 NONE: Final = -1
 
+NOT_TAKEN, TAKEN, TAKING = range(3)  # values of the guardian's `takeover`; TAKING: it has not made the board safe yet
+
 
 @lean_kernel
-def guardian_holds(mail: Any) -> bool:
-    """Whether the guardian has taken the board, so that the servo writes nothing."""
-    return bool(load_acquire(mail.guardian, "takeover") != 0)
+def guardian_holds(params: ServoParameters, state: ServoState, mail: Any) -> bool:
+    """Whether the guardian has taken the board, so that the servo writes nothing.
+
+    One that has died since holds nothing: a servo without power writes then what makes the board safe.
+    """
+    if load_acquire(mail.guardian, "takeover") == NOT_TAKEN:
+        return False
+    timeout_ns = params.guardian_timeout_ns
+    silent = timeout_ns != 0 and state.t_ns - mail.guardian.t_ns > timeout_ns
+    return bool(wants_power(state.mode) or not silent)
 
 
 @lean_kernel
@@ -59,8 +70,8 @@ def say_again(state: ServoState) -> bool:
 
 @lean_kernel
 def stands_down(state: ServoState, mail: Any) -> bool:
-    """The servo may end: its board carries nothing, it has never written to it, or the guardian has taken it."""
-    return bool(state.armed == 0 or state.started == 0 or guardian_holds(mail))
+    """The servo may end: its board carries nothing, it has never written to it, or the guardian has made it safe."""
+    return bool(state.armed == 0 or state.started == 0 or load_acquire(mail.guardian, "takeover") == TAKEN)
 
 
 @lean_kernel

@@ -5,7 +5,8 @@ guardian maps servo and board memory on its own. When an armed servo's heartbeat
 takeover (the servo, should it wake, writes nothing more), drops arm power and writes zero torque, 0x800 and not 0, to
 all DACs, again and again, until a servo has cleared the fault. A servo that was stopped while it posted, or wrote to a
 card, still finishes that: the guardian sees the lane move within a millisecond, and makes the board safe again. The
-servo in turn stops the arm when the guardian's heartbeat is gone.
+servo in turn stops the arm when the guardian's heartbeat is gone, and makes the board safe itself when the guardian has
+died after it had marked the takeover.
 
 What it cannot do: a kernel panic or a power cut of the PC needs hardware (a charge pump and a relay).
 """
@@ -33,6 +34,7 @@ from qrobot.realtime.jit import lean_kernel
 from qrobot.realtime.setup import HIGHEST_PRIORITY, SetupStep, freeze_garbage, lock_memory, set_fifo, tighten_timers
 from qrobot.realtime.shared_memory import HEADER_WORDS, SegmentT, SharedMemory
 from qrobot.report import Report
+from qrobot.servo.checks.guardian_arming import NOT_TAKEN, TAKEN, TAKING
 from qrobot.servo.memory.servo_memory import (
     PLACE_LAYOUT,
     ServoFront,
@@ -75,6 +77,15 @@ def make_safe(own: Any, board: BoardMemory, ops: Any) -> bool:
 
 
 @lean_kernel
+def mark_takeover(own: Any, mail: ServoFront) -> None:
+    """Tell the servo whether its board is taken, before it is made safe."""
+    if own[TRIPPED] == 0:
+        store_release(mail.guardian, "takeover", NOT_TAKEN)
+    elif load_acquire(mail.guardian, "takeover") == NOT_TAKEN:
+        store_release(mail.guardian, "takeover", TAKING)
+
+
+@lean_kernel
 def servo_has_written(own: Any, board: BoardMemory) -> bool:
     """Whether the servo has posted, or its board or card taken something of it, since the board was made safe last."""
     return bool(own[POSTED] != posted_so_far(board, SERVO_LANE) or own[POURED] != taken_so_far(board, SERVO_LANE))
@@ -104,13 +115,15 @@ def look(own: Any, mail: ServoFront, board: BoardMemory, card: Any, ops: Any, no
         own[LAST_DISCRETE], own[LINES], own[KEPT] = mail.heartbeat.discrete, mail.heartbeat.lines, mail.heartbeat.kept
         own[ANALOG] = mail.heartbeat.analog
     store_release(mail.guardian, "trips", own[TRIPS])
-    store_release(mail.guardian, "takeover", own[TRIPPED])
+    mark_takeover(own, mail)
     store_release(mail.guardian, "t_ns", now_ns)
     if own[TRIPPED] != 0:
         own[POSTED], own[POURED] = posted_so_far(board, SERVO_LANE), taken_so_far(board, SERVO_LANE)
         make_safe(own, board, ops)
     if card[CARD_KIND] != NO_CARD:
         pour_lane(card, board, GUARDIAN_LANE, now_ns)
+    if own[TRIPPED] != 0:
+        store_release(mail.guardian, "takeover", TAKEN)
 
 
 @lean_kernel
@@ -191,7 +204,7 @@ class Guardian:
         self._board = attach_board_memory(arm)
         self._place = SharedMemory.create(guardian_place(arm), PLACE_LAYOUT, HEADER_WORDS)
         said = self._servo.front.guardian
-        self._own[TRIPPED], self._own[TRIPS] = said.takeover, said.trips
+        self._own[TRIPPED], self._own[TRIPS] = said.takeover != NOT_TAKEN, said.trips
 
     @property
     def trips(self) -> int:

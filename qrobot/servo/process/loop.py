@@ -42,7 +42,7 @@ SPIN_PERCENT: Final = (
 )
 
 END_PATIENCE_NS: Final = (
-    300_000_000  # [A] with a board that does not show that power is off; the guardian is left armed
+    300_000_000  # [A] with a board that does not show that power is off, beyond what tells that a guardian is dead
 )
 
 ENDED: Final = 0
@@ -96,7 +96,7 @@ def one_cycle(
     state.board_joints = board.facts.joints
     note_losses(state, board.facts.losses, now_ns + late_ns)
     n_ops = cycle(params, state, mail, now_ns, late_ns)
-    held = guardian_holds(mail)  # looked at again: the cycle may have stalled since it looked
+    held = guardian_holds(params, state, mail)  # looked at again: the cycle may have stalled since it looked
     posted = not held and post_operations(board, SERVO_LANE, state.ops, n_ops, now_ns)
     note_post(state.adc, newest_count(board), now_ns)
     if not posted:
@@ -106,9 +106,11 @@ def one_cycle(
 
 
 @lean_kernel
-def write_card(mail: Any, board: BoardMemory, card: Any, now_ns: int) -> None:
+def write_card(
+    params: ServoParameters, state: ServoState, mail: Any, board: BoardMemory, card: Any, now_ns: int
+) -> None:
     """Write to a card what was posted; what the servo has posted is void once the guardian has the board."""
-    if guardian_holds(mail):
+    if guardian_holds(params, state, mail):
         discard_operations(board, SERVO_LANE)
     serve_card(card, board, now_ns)
 
@@ -150,7 +152,7 @@ def run(
             show_card(card, board, started)
         one_cycle(params, state, mail, ring, board, deadline, started - deadline)
         if card[CARD_KIND] != NO_CARD:
-            write_card(mail, board, card, started)
+            write_card(params, state, mail, board, card, started)
         slipped = await_board(board, params.board_slips, started)  # a stall inside the cycle slips as one outside does
         mail.heartbeat.slipped_ns = slipped
         finished = max(started, monotonic_ns() - slipped)
@@ -160,7 +162,7 @@ def run(
         powered = wants_power(state.mode)
         if load_acquire(mail.command, "shutdown") == 0 or powered:
             asked_ns = deadline
-        elif stands_down(state, mail) or deadline - asked_ns > END_PATIENCE_NS:
+        elif stands_down(state, mail) or deadline - asked_ns > END_PATIENCE_NS + params.guardian_timeout_ns:
             return ENDED
         if state.image_ok != 0:
             seen_ns = deadline

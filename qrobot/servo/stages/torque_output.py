@@ -242,7 +242,7 @@ def write(params: ServoParameters, state: ServoState, mail: Any) -> int:
     mail.heartbeat.discrete = state.discrete_word & ~params.outputs.off_discrete
     left_on = state.outputs & params.outputs.off != 0 or analog_on(params, state)  # to be ended should we die
     keep_armed(state, mail, wants_power(state.mode) or left_on)  # before anything is posted
-    if guardian_holds(mail):
+    if guardian_holds(params, state, mail):
         state.discrete_sent = -1
         return 0
     n = 0
