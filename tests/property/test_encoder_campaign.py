@@ -184,6 +184,30 @@ def test_without_a_table_potentiometers_are_heard_however_soon_power_is_asked_fo
 
 
 @pytest.mark.parametrize("table", [False, True])
+@pytest.mark.parametrize("speed", [0.05, -0.3, 1.0])
+@pytest.mark.parametrize(("rate_hz", "cycles"), [(1000.0, 1), (4000.0, 1), (1000.0, 3)])
+def test_what_holds_a_joint_on_its_way_is_pushed_no_harder_than_is_told(
+    rate_hz: float, cycles: int, speed: float, table: bool
+) -> None:
+    """Encoder and potentiometer agree that it stands, so it is no dead encoder; what it pushes may be somebody."""
+    settings = {} if cycles == 1 else {"board_timeout_ms": 20.0}
+    arm = SlowArm(Case(2, speed, True, table), rate_hz, cycles=cycles, **settings)
+    for _ in range(round(max(0.25 / abs(speed), 0.6) / FRAME_S)):
+        arm.frame()
+    assert arm.rig.state.pots.proof[1] == PROVEN
+    arm.rig.emulator.faults.add("brake:2 stuck")
+    pushes = []
+    for _ in range(round(2.0 / FRAME_S)):
+        arm.frame()
+        pushes.append(abs(float(arm.rig.state.watch.push[1])))
+    told = read_incident(arm.rig.state.watch.incident)
+    assert told is not None
+    assert (FaultCode(told.code), told.joint) == (FaultCode.COLLISION, 1)
+    assert arm.mode is Mode.HOLDING
+    assert max(pushes) <= 1.5 * PUMA.guard.unexplained_torque_or_default[1]
+
+
+@pytest.mark.parametrize("table", [False, True])
 def test_an_answer_of_a_sensor_says_nothing_of_potentiometers_that_are_silent(table: bool) -> None:
     rig = LockstepRig(PUMA, ServoSettings(sensor_channels=(6,), calibration=TABLE if table else None))
     state, pots = rig.state, rig.state.pots

@@ -71,7 +71,7 @@ def answer_pots(params: ServoParameters, state: ServoState) -> bool:
 def forget_trials(state: ServoState) -> None:
     """Power comes on: what the potentiometers have shown beside their encoders is of the time before."""
     for j in range(state.pots.followed.size):
-        state.pots.followed[j], state.pots.gone[j], state.pots.strayed[j] = 0, 0, 0
+        state.pots.followed[j], state.pots.gone[j], state.pots.strayed[j], state.pots.stood[j] = 0, 0, 0, 0
 
 
 @lean_kernel

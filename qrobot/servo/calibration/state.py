@@ -85,6 +85,7 @@ class PotState:
     trusted: Any  # int64[n] 0: it made a step that no motor makes
     gone: Any  # int64[n] readings in a row a good way off `average`
     strayed: Any  # int64[n] readings in a row some way off `average`, to one side; negative below it
+    stood: Any  # int64[n] readings in a row by which a joint that is driven, and shows no count, stands
     counts: Any  # int64[n] of the joint at the newest reading
     low: Any  # float64[n] least of the readings before power, where there is no table
     high: Any  # float64[n] greatest
@@ -106,6 +107,7 @@ def make_pot_state(n: int) -> PotState:
     return PotState(
         np.zeros(n), integers(), average=np.zeros(n), newest=np.zeros(n),
         followed=integers(), at_end=integers(), trusted=integers(), gone=integers(), strayed=integers(),
+        stood=integers(),
         counts=integers(),
         low=np.zeros(n), high=np.zeros(n), proof=integers(), anchor=np.zeros(n), anchor_counts=integers(),
     )  # fmt: skip

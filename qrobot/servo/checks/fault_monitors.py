@@ -23,7 +23,7 @@ from qrobot.servo.checks.motor_fault_diagnosis import (
     recent_work,
     stopped_dead,
 )
-from qrobot.servo.checks.potentiometer_monitor import pot_is_watching
+from qrobot.servo.checks.potentiometer_monitor import joint_stands, pot_is_watching
 from qrobot.servo.checks.timing_checks import check_overrun, check_slowness, grown_row, skipped_points
 from qrobot.servo.event import report_event, report_fault, report_warning
 from qrobot.servo.kernels.velocity import Estimator
@@ -321,7 +321,9 @@ def _name_push(params: ServoParameters, state: ServoState, j: int) -> None:
     if code != 0 and abs(push) <= limits.unexplained[j] + watch.allowed[j] + watch.planned[j]:
         code = COLLISION  # only a lower threshold was asked for: nothing more is known to be wrong
     if code == ENC_STUCK and pot_is_watching(state, j):
-        return  # a matter of the potentiometer, see `watch_encoder`
+        if not joint_stands(state, j):
+            return  # a matter of the potentiometer, see `watch_encoder`
+        code = COLLISION  # something holds it, or is held by it
     if code == RUNAWAY:
         report_fault(state, code, j, abs(state.v[j]), abs(state.v_ref[j]) + margin)
     else:

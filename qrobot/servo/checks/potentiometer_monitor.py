@@ -61,6 +61,7 @@ HEARD: Final = 12  # readings of each potentiometer before power, where there is
 QUIET_TURNS: Final = 0.3  # of the motor, within which they lie [A]; noise of the emulated ones makes 0.17
 STEP_E: Final = ADC_E_VOLT_PER_COUNT / ADC_F_VOLT_PER_COUNT  # of 8 bits, ADC units: 0.4 turns
 STRAYED_SHARE: Final = 0.6  # of what shows a motor gone: an answer where the model is sure of missing counts [A]
+STOOD_READINGS: Final = 4  # of a motor that stands: as many as show one that is gone [A]
 END_TURNS: Final = 0.5  # of the motor, so near to an end of its track a potentiometer may stand at it [A]
 CALIBRATING: Final = int(Mode.CALIBRATING)
 SWEEPING: Final = int(Stage.SWEEPING)
@@ -154,7 +155,7 @@ def follow_pots(params: ServoParameters, state: ServoState, channel: int) -> Non
         if watched(state) and (has_table(params) or not _is_a_sensor(params, j)):
             _follow_pot(params, state, j)
         else:
-            state.pots.followed[j], state.pots.gone[j], state.pots.strayed[j] = 0, 0, 0
+            state.pots.followed[j], state.pots.gone[j], state.pots.strayed[j], state.pots.stood[j] = 0, 0, 0, 0
 
 
 @lean_kernel
@@ -206,6 +207,7 @@ def _compare_pot(
     off = residue - shown_residue(pots.average[j], counted, TRACK_UNITS) if credible and not free else 0.0
     pots.gone[j] = pots.gone[j] + 1 if not abs(off) <= far else 0
     pots.strayed[j] = in_a_row(pots.strayed[j], off, STRAYED_SHARE * far)
+    pots.stood[j] = pots.stood[j] + 1 if credible and not free and abs(off) <= STRAYED_SHARE * far else 0
 
 
 @lean_kernel
@@ -226,6 +228,12 @@ def _go_on_with_proof(params: ServoParameters, state: ServoState, j: int, residu
         return
     pots.proof[j] = PROVEN if followed > 0 else REFUTED
     pots.anchor[j], pots.anchor_counts[j] = residue, state.counts[j]
+
+
+@lean_kernel
+def joint_stands(state: ServoState, j: int) -> bool:
+    """Encoder and potentiometer of a joint that is driven agree that it stands: something holds it."""
+    return bool(pot_is_watching(state, j) and state.pots.stood[j] >= STOOD_READINGS)
 
 
 @lean_kernel
