@@ -29,7 +29,7 @@ def new_emulator() -> Emulator:
 
 
 def hold(rig: LockstepRig) -> None:
-    rig.ticks(3)
+    rig.run_for(1.0)  # the potentiometers are heard, which takes longer by a transport
     rig.mailbox.request_power(True)
     rig.run_for(0.3)
     assert rig.mailbox.snapshot().mode == Mode.HOLDING

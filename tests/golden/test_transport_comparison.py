@@ -28,8 +28,8 @@ PUSH = np.array([0.002, 0.002, -0.002, 0.001, 0.001, 0.002])  # rad a frame, mor
 
 
 def fly(rig: LockstepRig) -> None:
-    """Power on, and get under way."""
-    rig.ticks(3)
+    """Power on, once the potentiometers are heard, however long that takes, and get under way."""
+    rig.run_for(1.0)
     rig.mailbox.request_power(True)
     rig.run_for(0.3)
     q = ROBOT.poses["park"].copy()

@@ -55,7 +55,7 @@ def play(rig: LockstepRig, rows: Floats, period_ms: int, look_ms: int = 1) -> En
     """
     rig.ticks(3)
     rig.mailbox.request_power(True)
-    rig.run_for(0.1)
+    rig.run_for(0.2)
     share, largest, before = push_share(rig), 0.0, rig.rows().size
     for seq, q in enumerate(rows):
         rig.mailbox.push_setpoint(1, seq, rig.now_ns, period_ms * 1_000_000, [POSITION_SETPOINT] * N, q.tolist())
