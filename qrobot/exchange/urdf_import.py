@@ -91,6 +91,8 @@ def import_urdf(path: Path, tip: str | None = None, like: str | None = None, bes
     document = _merged_document(told, like, own)
     if "tau_max" not in own.get("guard", {}):
         _fit_torque_limits(document, chain)
+    if "unexplained_torque" not in own.get("guard", {}):
+        _fit_unexplained_torque(document.get("guard", {}))
     _complete_poses(document, told.notes)
     _fit_counters(document, told.notes)
     return Imported(_robot(document, path, like), document, tuple(told.notes))
@@ -285,6 +287,15 @@ def _fit_torque_limits(document: Document, chain: SerialChain) -> None:
     guard = document.setdefault("guard", {"source": {}})
     guard["tau_max"] = np.minimum(_plain(efforts), most).tolist()
     guard.setdefault("source", {})["tau_max"] = "URDF: effort, at most what the converters can ask for"
+
+
+def _fit_unexplained_torque(guard: Document) -> None:
+    """Leave out a threshold of another arm that the motors of this one could not pass: a share of the limits, then."""
+    threshold, limits = _row(guard.get("unexplained_torque")), _row(guard.get("tau_max"))
+    if threshold is None or limits is None or len(threshold) != len(limits) or (threshold <= limits).all():
+        return
+    del guard["unexplained_torque"]
+    guard.get("source", {}).pop("unexplained_torque", None)
 
 
 def _complete_poses(document: Document, notes: list[str]) -> None:
