@@ -17,7 +17,7 @@ from qrobot.rccl.channel import Channel
 from qrobot.rccl.connect import open_channel
 from qrobot.rccl.database import DataBase
 from qrobot.rccl.held_motion import HeldMotion
-from qrobot.rccl.jog import position_of
+from qrobot.rccl.jog import fixed_position
 from qrobot.rccl.position import Position
 from qrobot.rci import LinkFactory
 
@@ -138,7 +138,7 @@ class JogSession:
         """A pose of the robot, or one that was taught. Raises ConfigError: there is none."""
         if self._arm is not None and name in self._arm.robot.poses:
             return self._arm.pose(name)
-        return position_of(DataBase(self._taught).get(name))
+        return fixed_position(name, DataBase(self._taught).get(name).value)
 
 
 def _joint(robot: Robot, name: str) -> int:

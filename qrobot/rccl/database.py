@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from qrobot.errors import ConfigError
 from qrobot.motion import Trsf
-from qrobot.rccl.transforms import Transform, assigntr, newtrans, varb
+from qrobot.rccl.transforms import Transform, assigntr, made_transform, varb
 from qrobot.transform_file import TransformFile
 
 
@@ -25,9 +25,7 @@ class DataBase(TransformFile):
         if name not in values:
             known = ", ".join(values) or "nothing"
             raise ConfigError(f"{self._path}: no transform {name!r}; it has {known}")
-        made = newtrans(name, kind)
-        made.set(values[name])
-        return made
+        return made_transform(name, kind, values[name])
 
     def read(self, trsf: Transform) -> bool:
         """Give `trsf` the value recorded under its name; False when there is none."""

@@ -17,11 +17,10 @@ from qrobot.arrays import Floats
 from qrobot.errors import LinkError, MotionError, QRobotError, ServoFault, TooFast
 from qrobot.motion import Termination
 from qrobot.rccl.channel import Channel
-from qrobot.rccl.jog import SETTLING_MS, asked_joints, measure, position_of
+from qrobot.rccl.jog import SETTLING_MS, asked_joints, fixed_position, measure
 from qrobot.rccl.position import Position
 from qrobot.rccl.straight_jog import StraightWay
 from qrobot.rccl.trace import reason_of
-from qrobot.rccl.transforms import newtrans
 from qrobot.units import DEG_PER_RAD, MM_PER_M
 
 JOINT_RAD_S, AXIS_MM_S, AXIS_DEG_S = 0.1, 50.0, 10.0  # at a share of 1 [A]
@@ -171,9 +170,7 @@ class HeldMotion(Generic[HeldT]):
     def _ask_piece(self, straight: StraightWay, share: float) -> Position:
         """Ask for the next piece of a straight way, as long as the arm can do it in its time. Raises MotionError."""
         while True:
-            goal = newtrans("JOG")
-            goal.set(straight.propose())
-            position = position_of(goal)
+            position = fixed_position("JOG", straight.propose())
             self._go_straight(share * straight.share)
             try:
                 self._arm.move(position)

@@ -18,7 +18,7 @@ from qrobot.rccl.arguments import small_move
 from qrobot.rccl.channel import Channel
 from qrobot.rccl.position import EQ, TL, Position, makeposition
 from qrobot.rccl.trace import reason_of
-from qrobot.rccl.transforms import Transform, newtrans, t6
+from qrobot.rccl.transforms import Transform, const, made_transform, newtrans, t6
 from qrobot.units import DEG_PER_RAD, MM_PER_M
 
 SETTLING_MS: Final = 150.0  # the last setpoints are still under way when a motion is completed
@@ -85,9 +85,7 @@ class Stepper:
 
     def _step(self, words: list[str], in_world: bool, axes: Floats | None = None) -> str:
         step = _small_move(words) if axes is None else along_axes(_small_move(words), axes)
-        goal = measure(self._arm, "GOAL")
-        goal.set(moved_by(goal.value, step, in_world))
-        return self._go(position_of(goal))
+        return self._go(fixed_position("GOAL", moved_by(measure(self._arm, "HERE").value, step, in_world)))
 
     def _turn(self, words: list[str]) -> str:
         joints = asked_joints(self._arm)
@@ -175,6 +173,11 @@ def along_axes(step: Floats, axes: Floats) -> Floats:
 def position_of(trsf: Transform) -> Position:
     """T6 = `trsf`."""
     return makeposition(trsf.name, t6, EQ, trsf, TL, trsf)
+
+
+def fixed_position(name: str, value: Floats) -> Position:
+    """T6 = a frame (4, 4) that stays what it is: one that may change is followed, at full speed whatever the override."""
+    return position_of(made_transform(name, const, value))
 
 
 def place(value: Floats) -> str:

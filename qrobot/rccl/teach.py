@@ -7,7 +7,7 @@ from typing import Final
 from qrobot.errors import ConfigError
 from qrobot.rccl.channel import Channel
 from qrobot.rccl.database import DataBase
-from qrobot.rccl.jog import STEPPING_HELP, Stepper, place, position_of
+from qrobot.rccl.jog import STEPPING_HELP, Stepper, fixed_position, place
 
 HELP: Final = f"""\
 {STEPPING_HELP}
@@ -31,7 +31,7 @@ class Teacher(Stepper):
         self._database = database
         self._commands |= {
             "record": self._record,
-            "move": lambda words: self._go(position_of(self._database.get(_name(words)))),
+            "move": self._move,
             "frame": self._step_along,
             "list": lambda _: "\n".join(self._database.names()) or "nothing recorded yet",
             "help": lambda _: HELP,
@@ -41,6 +41,10 @@ class Teacher(Stepper):
     def _step_along(self, words: list[str]) -> str:
         frame = self._database.get(_name(words[:1]))
         return self._step(words[1:], in_world=True, axes=frame.value[:3, :3])
+
+    def _move(self, words: list[str]) -> str:
+        taught = self._database.get(_name(words))
+        return self._go(fixed_position(taught.name, taught.value))
 
     def _record(self, words: list[str]) -> str:
         here = self._measure(_name(words))

@@ -152,10 +152,15 @@ def gentr_pao(name: str, p: VectorArgument, a: VectorArgument, o: VectorArgument
     return _made(name, kind, np.column_stack([column / np.linalg.norm(column) for column in columns]), p)
 
 
-def _made(name: str, kind: str, rotation: Floats, p: VectorArgument) -> Transform:
+def made_transform(name: str, kind: str, value: Floats) -> Transform:
+    """A transform of that kind and value, shape (4, 4), m. Raises MotionError: no such kind, or it is not rigid."""
     made = newtrans(name, kind)
-    made.set(transform(rotation, M_PER_MM * np.asarray(p, dtype=np.float64)))
+    made.set(value)
     return made
+
+
+def _made(name: str, kind: str, rotation: Floats, p: VectorArgument) -> Transform:
+    return made_transform(name, kind, transform(rotation, M_PER_MM * np.asarray(p, dtype=np.float64)))
 
 
 def rot(t: Transform, v: VectorArgument, angle: float) -> Transform:

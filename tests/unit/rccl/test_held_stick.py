@@ -138,8 +138,10 @@ class Desk:
     def _do(self, what: StickEvent | str) -> None:
         if isinstance(what, StickEvent):
             self.device.tell(*what)
-        else:
+        elif what == "lost":
             self.device.lost = True
+        else:
+            self.rig.mailbox.request_override(0.5)
 
     @property
     def moving_ms(self) -> tuple[float, float]:
@@ -150,17 +152,25 @@ class Desk:
         return float(t_ms[moves[0]]), float(t_ms[moves[-1]])
 
 
-def test_an_arm_goes_along_the_axis_as_fast_as_the_stick_is_drawn_and_rests_when_it_goes_back() -> None:
-    half = StickEvent(EV_ABS, Y, -round(0.575 * FULL))
-    desk = Desk((300.0, PUSHED), (500.0, AWAY), (2000.0, half), (3500.0, BACK)).jog(until_ms=5000.0)
+HALF = StickEvent(EV_ABS, Y, -round(0.575 * FULL))
+
+
+@pytest.mark.parametrize(
+    "slower", [[(2000.0, HALF)], [(1500.0, AWAY), (2000.0, "operator's override"), (2500.0, AWAY)]], ids=["stick", "op"]
+)
+def test_an_arm_goes_along_the_axis_as_fast_as_it_may_and_rests_when_the_stick_goes_back(
+    slower: list[tuple[float, StickEvent | str]],
+) -> None:
+    """That is as far as the stick is drawn, and as fast as the operator's override lets it be."""
+    desk = Desk((300.0, PUSHED), (500.0, AWAY), *slower, (3500.0, BACK)).jog(until_ms=5000.0)
     rows = desk.rig.rows()
     assert set(rows["fault"].tolist()) == {FaultCode.NONE}
     tool = np.array([puma().forward(q)[:3, 3] for q in rows["q_ref"][::50]])
     along, aside = tool[:, 0] - tool[0, 0], np.abs(tool[:, 1:] - tool[0, 1:]).max()
     assert aside < 1e-3
     speed = np.diff(along) / 0.1 * 1e3  # mm/s
-    assert speed.max() == pytest.approx(AXIS_MM_S, rel=0.05)
-    assert np.median(speed[(speed > 20.0) & (speed < 30.0)]) == pytest.approx(0.5 * AXIS_MM_S, rel=0.05)
+    for share in (1.0, 0.5):
+        assert np.count_nonzero(np.abs(speed - share * AXIS_MM_S) <= 0.05 * share * AXIS_MM_S) >= 8  # as long as it may
     begin, end = desk.moving_ms
     assert end - begin < 3000.0 + BRAKE_MS
     assert "axes of the base" in desk.said[0]

@@ -99,7 +99,7 @@ def test_the_tool_goes_straight_along_its_axis(key: str, way: float, frame: str)
     assert 40.0 < along[-1] < 120.0  # 1.5 s at 50 mm/s, and to rest
     assert np.abs(travelled - np.outer(travelled @ axis, axis)).max() < 0.1
     assert np.abs(poses[:, :3, :3] - poses[0][:3, :3]).max() < 1e-3
-    assert np.diff(along).min() > -1e-3  # a quintic between setpoints overshoots by less than a micrometre
+    assert np.diff(along).min() > -0.02  # mm: a quintic between the setpoints of a stop overshoots by some micrometres
 
 
 def test_one_stroke_moves_nothing() -> None:
