@@ -1,4 +1,4 @@
-"""The door of the bridge: connections are accepted a few at a time, so that a crowd never keeps it from its clients."""
+"""The door of the bridge: its address, and who comes in there; and an event loop that keeps time in microseconds."""
 
 from __future__ import annotations
 
@@ -8,14 +8,10 @@ import select
 import selectors
 import socket
 from collections.abc import Callable
-from typing import Final
 
 from qrobot.errors import LinkBusy, LinkError, error_text
 from qrobot.rccl_bridge.session import Peer
-
-BURST: Final = 4  # connections accepted in a row: with what each costs, well below the shortest sample period [A]
-PAUSE_S: Final = 0.004  # between two bursts: a thousand connections a second, a quarter of a processor [A]
-BACKLOG: Final = 128  # connections that wait in the kernel meanwhile
+from qrobot.realtime.acceptor import Acceptor
 
 AcceptConnection = Callable[[socket.socket, Peer], None]
 
@@ -51,58 +47,36 @@ class Listener:
     """
 
     def __init__(self, host: str, port: int, welcome: AcceptConnection, interface: str = "") -> None:
-        self._welcome = welcome
-        self._by_link = bool(interface)
-        self._loop = asyncio.get_running_loop()
-        self._pause: asyncio.TimerHandle | None = None
-        self._socket = socket.socket(socket.AF_INET6 if ":" in host else socket.AF_INET)
-        self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        where = f"{host}:{port}" + f" of interface {interface}" * self._by_link
+        bound = socket.socket(socket.AF_INET6 if ":" in host else socket.AF_INET)
+        bound.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        where = f"{host}:{port}" + f" of interface {interface}" * bool(interface)
         try:
             if interface:
-                self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_BINDTODEVICE, interface.encode())
-            self._socket.bind((host, port))
+                bound.setsockopt(socket.SOL_SOCKET, socket.SO_BINDTODEVICE, interface.encode())
+            bound.bind((host, port))
         except OSError as error:
-            self._socket.close()
+            bound.close()
             raise _explain(error, where) from error
-        self._socket.setblocking(False)
+        self._acceptor = Acceptor(
+            bound, lambda connection, far: welcome(connection, Peer(far[0], far[1], bool(interface)))
+        )
 
     def open(self) -> None:
         """Listen: until then nobody can connect."""
         try:
-            self._socket.listen(BACKLOG)
+            self._acceptor.open()
         except OSError as error:
             host, port = self.address
             raise _explain(error, f"{host}:{port}") from error
-        self._resume()
 
     @property
     def address(self) -> tuple[str, int]:
         """Host and port."""
-        host, port = self._socket.getsockname()[:2]
-        return host, port
+        return self._acceptor.address
 
     def close(self) -> None:
         """Listen no more."""
-        if self._pause is not None:
-            self._pause.cancel()
-        self._loop.remove_reader(self._socket)
-        self._socket.close()
-
-    def _resume(self) -> None:
-        self._pause = None
-        self._loop.add_reader(self._socket, self._accept)
-
-    def _accept(self) -> None:
-        """Accept a few, then leave the rest in the kernel for a while."""
-        self._loop.remove_reader(self._socket)
-        self._pause = self._loop.call_later(PAUSE_S, self._resume)
-        for _ in range(BURST):
-            try:
-                connection, address = self._socket.accept()
-            except OSError:  # no more, or gone again, or too many open files
-                return
-            self._welcome(connection, Peer(address[0], address[1], self._by_link))
+        self._acceptor.close()
 
 
 def _explain(error: OSError, where: str) -> LinkError:

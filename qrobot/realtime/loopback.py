@@ -9,12 +9,11 @@ from ipaddress import IPv4Address, IPv6Address, ip_address
 from pathlib import Path
 from typing import Final
 
+from qrobot.realtime.socket_diag import ESTABLISHED, PeerAddress, is_answered, maybe_socket
+
 TABLES: Final = (Path("/proc/net/tcp"), Path("/proc/net/tcp6"))
 _LOCAL, _REMOTE, _STATE, _ACCOUNT, _INODE = 1, 2, 3, 7, 9  # columns, proc(5)
-_ESTABLISHED: Final = "01"
 _LOOKS: Final = 3  # [A] the kernel's table may leave out a line while others of it go
-
-PeerAddress = tuple[IPv4Address | IPv6Address, int]
 
 
 def is_loopback(host: str) -> bool:
@@ -28,7 +27,8 @@ def is_loopback(host: str) -> bool:
 def maybe_peer_account(connection: socket.socket) -> int | None:
     """Account of the process at the other end of a TCP connection; None when none on this machine has it open.
 
-    Their socket is the one whose local address is our remote one, and the other way round.
+    Their socket is the one whose local address is our remote one, and the other way round. Asking costs the same
+    however many connections there are, unless the kernel answers by its tables alone.
     """
     try:
         ours, theirs = connection.getsockname(), connection.getpeername()
@@ -43,6 +43,23 @@ def maybe_account_between(theirs: tuple[str, int], ours: tuple[str, int]) -> int
         wanted = (_plain(theirs[0]), theirs[1]), (_plain(ours[0]), ours[1])
     except ValueError:
         return None
+    if is_answered():
+        return _answered(*wanted)
+    return _found_in_tables(wanted)
+
+
+def _answered(local: PeerAddress, remote: PeerAddress) -> int | None:
+    """The kernel's answer about one socket. One that is closed has no inode, and account 0, whoever's it was."""
+    try:
+        found = maybe_socket(local, remote)
+    except OSError:  # short of memory, or of files: nobody is known
+        return None
+    if found is None or found.state != ESTABLISHED or not found.inode or (found.local, found.remote) != (local, remote):
+        return None
+    return found.account
+
+
+def _found_in_tables(wanted: tuple[PeerAddress, PeerAddress]) -> int | None:
     for _ in range(_LOOKS):
         for local, remote, account in _connections():
             if (local, remote) == wanted:
@@ -57,7 +74,9 @@ def _connections() -> Iterator[tuple[PeerAddress, PeerAddress, int]]:
         except OSError:  # no IPv6
             continue
         for columns in map(str.split, lines):
-            if columns[_STATE] != _ESTABLISHED or columns[_INODE] == "0":  # closed: the account there is 0, whoever's
+            if (
+                int(columns[_STATE], 16) != ESTABLISHED or columns[_INODE] == "0"
+            ):  # closed: the account there is 0, whoever's
                 continue
             yield _endpoint(columns[_LOCAL]), _endpoint(columns[_REMOTE]), int(columns[_ACCOUNT])
 

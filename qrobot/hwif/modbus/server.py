@@ -1,8 +1,8 @@
 """Modbus TCP server for a board, in a thread of its own.
 
 Modbus has no authentication: who may connect is told by where they come from. On this machine that is the server's own
-account and root, as the kernel tells; from elsewhere the addresses that were named, and nobody else. Connections, the
-bytes that wait for each, and how long it may be silent are bounded.
+account and root, as the kernel tells; from elsewhere the addresses that were named, and nobody else (`door`).
+Connections, how many are accepted at a time, the bytes that wait for each, and how long it may be silent are bounded.
 
 pymodbus decodes, checks and encodes the requests; `ModbusDevice` knows what they mean. Frames are cut here: a
 connection that sends something other than Modbus is closed and counted, and requests sent without waiting for the
@@ -12,13 +12,11 @@ answers are answered one after the other.
 from __future__ import annotations
 
 import asyncio
-import os
 import socket
 import threading
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from contextvars import ContextVar
-from ipaddress import IPv4Network, IPv6Network, ip_address, ip_network
 from itertools import islice
 from types import TracebackType
 from typing import Any, Final, NamedTuple
@@ -32,8 +30,8 @@ from pymodbus.simulator import DataType, SimData, SimDevice
 from qrobot.errors import ConfigError, LinkBusy, LinkError, RemoteProtocolError
 from qrobot.hwif.bus import NO_OPERATIONS, Endpoint
 from qrobot.hwif.modbus.device import WATCHDOG_MS, ModbusDevice
+from qrobot.hwif.modbus.door import Allowed, Door, networks
 from qrobot.hwif.modbus.map import BOARD_ROWS, ROBOT_ROWS, WORD_BITS, MapRow
-from qrobot.realtime.loopback import is_loopback, maybe_peer_account
 from qrobot.report import Report
 from qrobot.units import NS_PER_S
 
@@ -52,8 +50,6 @@ SILENCE_NS: Final = 300 * NS_PER_S  # a connection without a request for so long
 REQUESTS_IN_A_ROW: Final = 16  # of one connection, before others have their turn
 UNREAD_BYTES: Final = 4_096  # requests that may wait; more stay with the client
 UNSENT_BYTES: Final = 16_384  # answers that may wait for a client that does not read
-
-Allowed = tuple[IPv4Network | IPv6Network, ...]
 
 _client: ContextVar[object] = ContextVar("modbus_client")
 
@@ -76,7 +72,7 @@ class ModbusServer:
         self, device: ModbusDevice, host: str = "127.0.0.1", port: int = 0, allowed: Sequence[str] = ()
     ) -> None:
         self.device = device
-        self._allowed = _networks(host, allowed)
+        self._allowed = networks(host, allowed)
         self.address = host, port
         self.callers: dict[Caller, int] = {}  # connections, and when they last asked for something
         self._loop = asyncio.new_event_loop()
@@ -104,8 +100,7 @@ class ModbusServer:
         try:
             server = self._loop.run_until_complete(_listen(self.device, self.address, self._allowed))
             if server is not None:
-                listener: Any = server.transport
-                self.address = self.address[0], listener.sockets[0].getsockname()[1]
+                self.address = self.address[0], server.port
                 self._listens = True
                 self._serve(server)
         finally:
@@ -145,21 +140,8 @@ def split_address(address: str) -> ServerAddress:
 def check_address(address: str) -> ServerAddress:
     """The same, where a server may be. Raises ConfigError also for clients that are none, or when all could come."""
     found = split_address(address)
-    _networks(found.host, found.allowed)
+    networks(found.host, found.allowed)
     return found
-
-
-def _networks(host: str, allowed: Sequence[str]) -> Allowed:
-    """Networks out of their texts. Raises ConfigError for one that is none, or when a server for all allows nobody."""
-    if not is_loopback(host) and not allowed:
-        raise ConfigError(
-            f"a Modbus server at {host} could be reached by every machine, and whoever reaches it moves the arm: "
-            f"name those that may, as in {host}:1502+192.168.1.20, or serve at 127.0.0.1"
-        )
-    try:
-        return tuple(ip_network(text) for text in allowed)
-    except ValueError as error:
-        raise ConfigError(f"a client of a Modbus server: {error}") from None
 
 
 def modbus_server(address: str, endpoint: Endpoint, report: Report) -> ModbusServer:
@@ -202,17 +184,17 @@ class ModbusBoardServer(ModbusTcpServer):
         super().__init__(_sim_device(device), address=address)
         self.device = device
         self.callers: dict[Caller, int] = {}  # when they last asked for something
-        self._allowed = allowed
+        self._place, self._allowed = address, allowed
+        self.call_create = self._open_door  # what pymodbus listens by, in the place of asyncio's own server
 
-    def admits(self, connection: socket.socket) -> bool:
-        """Somebody of this account or of root on this machine, or from an address that was named."""
-        try:
-            host = ip_address(connection.getpeername()[0])
-        except OSError:  # gone again
-            return False
-        if any(host in network for network in self._allowed):
-            return True
-        return is_loopback(str(host)) and maybe_peer_account(connection) in (0, os.geteuid())
+    @property
+    def port(self) -> int:
+        """The port it listens at."""
+        door: Any = self.transport
+        return int(door.address[1])
+
+    async def _open_door(self) -> Door:
+        return Door(*self._place, self._allowed, self.handle_new_connection)
 
     def heard(self, caller: Caller) -> None:
         """A connection begins, or asks for something: it is the last to be closed when there are too many."""
@@ -253,16 +235,13 @@ class Caller(ServerRequestHandler):
         self._unread = False  # the client does not read its answers
 
     def callback_connected(self) -> None:
-        """Bound what waits for this client; close the connection at once when it may not be here."""
+        """Bound what waits for this client."""
         super().callback_connected()
         transport: Any = self.transport
         connection = transport.get_extra_info("socket")
         connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, UNSENT_BYTES)
         transport.set_write_buffer_limits(high=UNSENT_BYTES, low=0)
-        if self._owner.admits(connection):
-            self._owner.heard(self)
-            return
-        self.cut()
+        self._owner.heard(self)
 
     @property
     def waiting_bytes(self) -> int:
