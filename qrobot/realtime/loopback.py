@@ -1,4 +1,4 @@
-"""The loopback interface: which addresses are of it, and which account of this machine is at the far end."""
+"""The loopback interface: which addresses are of it, and which accounts of this machine are at its ports."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from typing import Final
 from qrobot.realtime.socket_diag import ESTABLISHED, PeerAddress, is_answered, maybe_socket
 
 TABLES: Final = (Path("/proc/net/tcp"), Path("/proc/net/tcp6"))
+UDP_TABLES: Final = (Path("/proc/net/udp"), Path("/proc/net/udp6"))
 _LOCAL, _REMOTE, _STATE, _ACCOUNT, _INODE = 1, 2, 3, 7, 9  # columns, proc(5)
 _LOOKS: Final = 3  # [A] the kernel's table may leave out a line while others of it go
 
@@ -48,6 +49,11 @@ def maybe_account_between(theirs: tuple[str, int], ours: tuple[str, int]) -> int
     return _found_in_tables(wanted)
 
 
+def accounts_at_udp_port(port: int) -> set[int]:
+    """Accounts that have sockets at a UDP port of this machine, at whatever address."""
+    return {int(columns[_ACCOUNT]) for columns in _lines(UDP_TABLES) if _endpoint(columns[_LOCAL])[1] == port}
+
+
 def _answered(local: PeerAddress, remote: PeerAddress) -> int | None:
     """The kernel's answer about one socket. One that is closed has no inode, and account 0, whoever's it was."""
     try:
@@ -68,17 +74,20 @@ def _found_in_tables(wanted: tuple[PeerAddress, PeerAddress]) -> int | None:
 
 
 def _connections() -> Iterator[tuple[PeerAddress, PeerAddress, int]]:
-    for table in TABLES:
+    for columns in _lines(TABLES):
+        if int(columns[_STATE], 16) != ESTABLISHED or columns[_INODE] == "0":  # closed: its account is told as 0
+            continue
+        yield _endpoint(columns[_LOCAL]), _endpoint(columns[_REMOTE]), int(columns[_ACCOUNT])
+
+
+def _lines(tables: tuple[Path, ...]) -> Iterator[list[str]]:
+    """The columns of each line, the heads left out."""
+    for table in tables:
         try:
             lines = table.read_text().splitlines()[1:]
         except OSError:  # no IPv6
             continue
-        for columns in map(str.split, lines):
-            if (
-                int(columns[_STATE], 16) != ESTABLISHED or columns[_INODE] == "0"
-            ):  # closed: the account there is 0, whoever's
-                continue
-            yield _endpoint(columns[_LOCAL]), _endpoint(columns[_REMOTE]), int(columns[_ACCOUNT])
+        yield from map(str.split, lines)
 
 
 def _endpoint(text: str) -> PeerAddress:

@@ -86,7 +86,8 @@ def test_a_peer_of_another_account_is_known_by_that_and_by_none_once_it_has_gone
                 return maybe_peer_account(connection)
 
         def leave() -> None:
-            socket.create_connection(server.getsockname()).close()
+            with socket.socket() as client:
+                client.connect(server.getsockname())
 
         assert as_other_account(visit) == str(OTHER)
         assert as_other_account(leave) == "None"
