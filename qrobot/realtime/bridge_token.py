@@ -14,9 +14,11 @@ import os
 import re
 import secrets
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Final
 
 from qrobot.errors import LinkBusy, LinkError
+from qrobot.realtime.deadline import Deadline, comes_true
 from qrobot.realtime.loopback import is_loopback
 from qrobot.realtime.runtime_folder import RuntimeFolder, look_into_folder, open_served, serve_in_folder, tidy_folder
 
@@ -25,6 +27,9 @@ RANDOM_BYTES: Final = 32
 LONGEST_BYTES: Final = 128
 _TOKEN: Final = re.compile(r"bridge-\d+\.token")
 _NAMED: Final = re.compile(rb"[0-9a-f]{%d}:([a-z][a-z0-9_]*)" % (2 * RANDOM_BYTES))
+LOCKS: Final = Path("/proc/locks")
+PATIENCE_S: Final = 3.0  # with another bridge that starts or ends [A]
+_PAUSE_S: Final = 0.005  # between two looks at its lock [A]
 _SHARED: Final = 0o040  # the folder's group may read
 
 
@@ -40,7 +45,8 @@ def offered_token(port: int, arm: str = "") -> Iterator[bytes]:
     The file is locked as long: two bridges that start at once can both take the port until one of them listens, and
     neither the token of the first nor the file is the other's to replace or remove.
 
-    Raises LinkBusy when a living bridge offers its token there, LinkError, see `runtime_folder`.
+    Raises LinkBusy when a living bridge offers its token there, or another process keeps the folder locked; LinkError,
+    see `runtime_folder`.
     """
     token = (secrets.token_hex(RANDOM_BYTES) + (f":{arm}" if arm else "")).encode()
     remove_dead_tokens()
@@ -81,7 +87,7 @@ def arm_of_token(token: bytes) -> str:
 
 
 def remove_dead_tokens() -> None:
-    """Remove the files of bridges that were killed: those that nobody holds locked."""
+    """Remove the files of bridges that were killed: those that nobody holds locked. It removes none where the folder is locked."""
     with contextlib.suppress(OSError, LinkError), look_into_folder() as folder, _alone(folder):
         for name in filter(_TOKEN.fullmatch, os.listdir(folder.fd)):
             with contextlib.suppress(OSError, LinkError):  # it lives, has gone meanwhile, or is none of ours
@@ -117,12 +123,38 @@ def _owned_file(port: int) -> int:
 
 @contextlib.contextmanager
 def _alone(folder: RuntimeFolder) -> Iterator[None]:
-    """No other bridge looks for dead tokens, or takes one, meanwhile: a moment."""
-    fcntl.flock(folder.fd, fcntl.LOCK_EX)
+    """No other bridge looks for dead tokens, or takes one, meanwhile: a moment.
+
+    Whoever may read the folder can lock it, and a process that was stopped keeps its lock. Raises LinkBusy.
+    """
+    if not comes_true(lambda: _lock_at_once(folder.fd), Deadline(PATIENCE_S), _PAUSE_S):
+        raise LinkBusy(
+            f"{_holder(folder.fd)} keeps the runtime folder {folder.path} locked, which bridges do for a moment when "
+            "they start and end: has it been stopped, or does it hang? Let it go on, or end it"
+        )
     try:
         yield
     finally:
         fcntl.flock(folder.fd, fcntl.LOCK_UN)
+
+
+def _lock_at_once(fd: int) -> bool:
+    try:
+        fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    return True
+
+
+def _holder(fd: int) -> str:
+    """The process that has a file locked, as words, out of the kernel's table of locks (proc(5))."""
+    found = os.fstat(fd)
+    place = f"{os.major(found.st_dev):02x}:{os.minor(found.st_dev):02x}:{found.st_ino}"
+    with contextlib.suppress(OSError):
+        for words in map(str.split, LOCKS.read_text().splitlines()):
+            if words[1:2] == ["FLOCK"] and words[5:6] == [place]:
+                return f"process {words[4]}"
+    return "another process"
 
 
 def _is_current(name: str, fd: int) -> bool:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import fcntl
 import os
 import socket
 import tempfile
@@ -16,11 +17,20 @@ from qrobot.errors import ConfigError, LinkBusy, LinkError
 from qrobot.rccl_bridge import BridgeServer, BridgeSettings
 from qrobot.rccl_bridge.server import _serve
 from qrobot.rci import TcpLink, hello_for
-from qrobot.realtime.bridge_token import LONGEST_BYTES, arm_of_token, offered_token, token_for, token_name
+from qrobot.realtime import bridge_token
+from qrobot.realtime.bridge_token import (
+    LONGEST_BYTES,
+    arm_of_token,
+    offered_token,
+    remove_dead_tokens,
+    token_for,
+    token_name,
+)
 from qrobot.realtime.loopback import is_loopback, maybe_peer_account
 from tests.support.accounts import OTHER, as_other_account, needs_root
 from tests.support.bridge import Bridge
 from tests.support.fake_port import FakePort
+from tests.support.patience import PATIENCE_S
 
 PORT = 5600
 
@@ -71,6 +81,48 @@ def test_a_bridge_removes_what_killed_ones_have_left_and_nothing_else(folder: Pa
         kept = {"bridge-22.token.old", "puma560-board", "bridge-3.token"}
         assert set(os.listdir(folder)) == {token_name(44), token_name(PORT)} | kept
     assert set(os.listdir(folder)) == kept
+
+
+@pytest.mark.parametrize("told", [True, False])
+def test_a_folder_that_somebody_keeps_locked_keeps_no_bridge_waiting(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, told: bool
+) -> None:
+    monkeypatch.setattr(bridge_token, "PATIENCE_S", 0.0)
+    if not told:
+        monkeypatch.setattr(bridge_token, "LOCKS", folder / "no-table")
+    (folder / token_name(1)).write_text("left")
+    locked = os.open(folder, os.O_RDONLY)
+    try:
+        fcntl.flock(locked, fcntl.LOCK_EX)
+        remove_dead_tokens()
+        holder = f"process {os.getpid()}" if told else "another process"
+        with pytest.raises(LinkBusy, match=f"{holder} keeps the runtime folder {folder} locked"), offered_token(PORT):
+            pass
+    finally:
+        os.close(locked)
+    assert os.listdir(folder) == [token_name(1)]
+    with offered_token(PORT) as token:
+        assert token_for("127.0.0.1", PORT) == token
+
+
+def test_a_bridge_waits_while_another_one_starts(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The other one is ready at our second look."""
+    locked, looks = os.open(folder, os.O_RDONLY), []
+    lock_at_once = bridge_token._lock_at_once
+
+    def look(fd: int) -> bool:
+        found = lock_at_once(fd)
+        looks.append(found)
+        fcntl.flock(locked, fcntl.LOCK_UN)
+        return found
+
+    monkeypatch.setattr(bridge_token, "PATIENCE_S", PATIENCE_S)
+    monkeypatch.setattr(bridge_token, "_lock_at_once", look)
+    fcntl.flock(locked, fcntl.LOCK_EX)
+    with offered_token(PORT) as token:
+        assert token_for("127.0.0.1", PORT) == token
+    os.close(locked)
+    assert looks == [False, True, True]
 
 
 def test_a_file_that_another_program_put_in_its_place_stays(folder: Path) -> None:
