@@ -11,7 +11,7 @@ BURST: Final = 4  # connections accepted in a row: with what each costs, well be
 PAUSE_S: Final = 0.004  # between two bursts: a thousand connections a second, a quarter of a processor [A]
 BACKLOG: Final = 128  # connections that wait in the kernel meanwhile
 
-Welcome = Callable[[socket.socket, Any], None]
+TakeConnection = Callable[[socket.socket, Any], None]
 
 
 class Acceptor:
@@ -22,7 +22,7 @@ class Acceptor:
         welcome: called with each connection and the address of its far end, as `accept` tells it.
     """
 
-    def __init__(self, bound: socket.socket, welcome: Welcome) -> None:
+    def __init__(self, bound: socket.socket, welcome: TakeConnection) -> None:
         self._socket, self._welcome = bound, welcome
         self._loop = asyncio.get_running_loop()
         self._pause: asyncio.TimerHandle | None = None

@@ -87,7 +87,10 @@ def arm_of_token(token: bytes) -> str:
 
 
 def remove_dead_tokens() -> None:
-    """Remove the files of bridges that were killed: those that nobody holds locked. It removes none where the folder is locked."""
+    """Remove the files of bridges that were killed: those that nobody holds locked.
+
+    Where another process keeps the folder locked they stay.
+    """
     with contextlib.suppress(OSError, LinkError), look_into_folder() as folder, _alone(folder):
         for name in filter(_TOKEN.fullmatch, os.listdir(folder.fd)):
             with contextlib.suppress(OSError, LinkError):  # it lives, has gone meanwhile, or is none of ours

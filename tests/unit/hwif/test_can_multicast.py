@@ -6,6 +6,7 @@ import os
 import socket
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
+from functools import partial
 
 import can
 import pytest
@@ -109,7 +110,7 @@ def test_another_account_commands_no_board(bus: LocalMulticast, port: int) -> No
     assert "LinkBusy" in as_other_account(join)
     for address in ("", "127.0.0.1", "127.0.0.2", GROUP, "::", "::1", "::ffff:127.0.0.1"):
         for options in ((), (socket.SO_REUSEADDR,), (socket.SO_REUSEPORT,), (socket.SO_REUSEADDR, socket.SO_REUSEPORT)):
-            said = as_other_account(lambda address=address, options=options: send_from(address, *options))
+            said = as_other_account(partial(send_from, address, *options))
             assert "Address already in use" in said or "family not supported" in said, (address, options)
     assert as_other_account(send_from_elsewhere) == "sent"
     bus.send(frame(0x705))

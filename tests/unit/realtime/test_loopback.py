@@ -29,7 +29,7 @@ def way(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> str:
 
 
 @contextmanager
-def met(server: socket.socket, client: socket.socket, address: object) -> Iterator[socket.socket]:
+def met(server: socket.socket, client: socket.socket, address: tuple[str, int]) -> Iterator[socket.socket]:
     """The server's end of a connection of `client`."""
     client.connect(address)
     connection, _ = server.accept()
