@@ -65,6 +65,7 @@ class FactsBlock:
     module_losses: int = word()  # times a remote module, or a sensor's interface, beside the board was lost
     slipped_ns: int = word()  # time an emulated board let pass unlived, see `hwif.arm_clock`
     taken_ns: int = word()  # when a gateway asked for the newest image, by our clock; else 0
+    asked: int = word()  # number of a gateway's newest exchange, which may be under way; else 0
 
 
 class ImageBlock:
@@ -238,5 +239,6 @@ def fetch_image(memory: BoardMemory, image: Any) -> bool:
 
 @lean_kernel
 def newest_count(memory: BoardMemory) -> int:
-    """Controller side: count of the image that is shown, or being shown, at this moment."""
-    return int(memory.shown.image[IMAGE_COUNT])
+    """Controller side: count of the image that is shown, being shown, or on its way from a gateway's board, at this
+    moment: one that may know nothing of what has just been posted."""
+    return int(max(memory.shown.image[IMAGE_COUNT], memory.facts.asked))

@@ -3,6 +3,11 @@
 While the bus is away nothing is published, so that the servo sees the image stand still and stops; what is posted
 meanwhile is dropped and counted, for nobody may act later on what was meant for an arm that was moving. A board found
 again is first made safe - torque zero, power off - and whoever wants more has to ask again.
+
+Images are numbered by exchanges, whatever the board counts: the far end may apply what an exchange brings after it has
+taken the image that goes back. That of the exchange after it shows what was done, if the board has made one meanwhile:
+of a board that has made none, the number stands still. What is posted while an exchange is under way goes with the next
+one, hence the number of the newest exchange stands in the memory as soon as it begins (`board_memory.newest_count`).
 """
 
 from __future__ import annotations
@@ -26,7 +31,7 @@ from qrobot.hwif.bus import (
     safe_operations,
     sane_operations,
 )
-from qrobot.hwif.image import IMAGE_STATUS, make_image
+from qrobot.hwif.image import IMAGE_COUNT, IMAGE_STATUS, make_image
 from qrobot.hwif.lanes import take_all_operations
 from qrobot.hwif.operations import OP_FIELDS, OP_OUTPUTS, OP_WRITE
 from qrobot.hwif.registers import DISCRETE, DISCRETE_LINES
@@ -63,7 +68,9 @@ class Gateway:
         self._module_losses = module_losses
         self._operations = np.zeros((N_LANES * LANE_CAPACITY, OP_FIELDS), np.int64)
         self._lanes = np.zeros(len(self._operations), np.int64)
-        self._image = make_image()
+        self._image, self._shown = make_image(), make_image()  # the board's newest, and as shown here
+        self._exchange = 0  # number of the newest
+        self._far_count: int | None = None  # of the image shown, as the board counts
         self._retry_ns = 0
         self._told = ""
         self._references = self._outputs = False
@@ -86,6 +93,7 @@ class Gateway:
         if not self.connected:
             self._drop_posted()
             return now_ns >= self._retry_ns and self._find(now_ns)
+        self._begin()
         taken = self._take_posted()
         try:
             self._bus.exchange(self._sane(taken), self._image)
@@ -98,6 +106,11 @@ class Gateway:
         self._publish(now_ns)
         return True
 
+    def _begin(self) -> None:
+        """Tell that an exchange begins: before anything is taken, for what is posted after that is not in it."""
+        self._exchange += 1
+        self._memory.facts.asked = self._exchange
+
     def _take_posted(self) -> int:
         taken = take_all_operations(self._memory, self._operations, self._lanes)
         self._remember_outputs(self._operations[:taken])
@@ -108,9 +121,13 @@ class Gateway:
         self._memory.facts.dropped += taken
 
     def _publish(self, asked_ns: int) -> None:
-        """Show the image, with the time at which it was asked for: the board's own clock is not ours."""
+        """Show the image, with the time at which it was asked for: the board's own clock is not ours, nor its count."""
+        far_count, number = int(self._image[IMAGE_COUNT]), int(self._shown[IMAGE_COUNT])
+        self._shown[:] = self._image
+        self._shown[IMAGE_COUNT] = number if far_count == self._far_count else self._exchange
+        self._far_count = far_count
         self._memory.facts.taken_ns = asked_ns
-        publish_image(self._memory, self._image)
+        publish_image(self._memory, self._shown)
 
     def _sane(self, taken: int) -> Operations:
         """Filter the operations taken by sense; the rest, out of a memory that somebody damaged, is counted."""
@@ -150,6 +167,7 @@ class Gateway:
 
     def _find(self, now_ns: int) -> bool:
         """Find the board, make it safe, and show it."""
+        self._begin()
         try:
             facts = self._bus.connect()
             self._bus.exchange(NO_OPERATIONS, self._image)

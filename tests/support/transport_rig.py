@@ -5,12 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 
-from qrobot.arrays import Words
 from qrobot.config import Robot
 from qrobot.errors import LinkError
 from qrobot.hwif.bus import Bus, Endpoint, Operations
 from qrobot.hwif.gateway import Gateway
-from qrobot.hwif.image import IMAGE_COUNT
 from qrobot.rig.lockstep import START_NS, LockstepRig, run_blocks
 from qrobot.servo.settings import ServoSettings
 from qrobot.sim_board.emulator import Emulator, emulator_run
@@ -63,21 +61,16 @@ class TransportRig(LockstepRig):
             self.keep()
 
 
-class _RareEndpoint(SteppingEndpoint):
-    """Lets the time since the exchange before pass, and applies the operations then. Its images are its answers."""
+class RareEndpoint(SteppingEndpoint):
+    """Lets the time since the exchange before pass, and applies the operations then.
 
-    answers = 0
+    Its image, and the count in it, is that of the present instant, which shows nothing yet of what was applied there.
+    """
 
     def apply(self, operations: Operations) -> None:
         """Move on to the present instant, and apply them there."""
         self.now_ns = emulator_run(self.emulator.bundle, self.memory, self.now_ns, self.steps)
         self._board.apply(operations)
-
-    def read_image(self, image: Words) -> None:
-        """The image of the present instant, which shows nothing yet of what was applied there."""
-        super().read_image(image)
-        self.answers += 1
-        image[IMAGE_COUNT] = self.answers
 
 
 class RareRig(LockstepRig):
@@ -86,25 +79,42 @@ class RareRig(LockstepRig):
     Args:
         robot, settings, emulator: as of `LockstepRig`.
         cycles: of the servo, to each exchange.
+        lasts: cycles of the servo in which an exchange is under way; fewer than `cycles`.
+
+    Attributes:
+        end: the far end, with the emulator's own board memory.
     """
 
     def __init__(
-        self, robot: Robot, settings: ServoSettings, emulator: Emulator, cycles: int, keep_telemetry: bool = True
+        self,
+        robot: Robot,
+        settings: ServoSettings,
+        emulator: Emulator,
+        cycles: int,
+        keep_telemetry: bool = True,
+        lasts: int = 0,
     ) -> None:
         settings = replace(settings, exchange_ms=cycles * settings.period_ns * 1e-6)
         super().__init__(robot, settings, emulator, keep_telemetry)
-        end = _RareEndpoint(self.emulator, 0, START_NS)
-        self.gateway = Gateway(DirectBus(end), self.board, cycles * self.period_ns, lambda _line: None)
+        self.end = RareEndpoint(self.emulator, 0, START_NS)
+        bus = DirectBus(self.end)
+        self.gateway = Gateway(bus, self.board, cycles * self.period_ns, lambda _line: None)
         assert self.gateway.step(self.now_ns)
-        end.steps = cycles * self.substeps
-        self._cycles, self._done = cycles, 0
+        bus.spoil = lambda _image: self._go_on(lasts)  # the image is on its way
+        self.end.steps = cycles * self.substeps
+        self._cycles, self._done, self._wanted = cycles, 0, 0
 
     def ticks(self, n: int) -> None:
-        """Advance by `n` servo cycles."""
+        """Advance by `n` servo cycles; some of them may have passed with an exchange already."""
+        self._wanted += n
+        while self._done < self._wanted:
+            self._go_on(1)
+            if self._done % self._cycles == 0:
+                self.gateway.step(self.now_ns)
+
+    def _go_on(self, n: int) -> None:
         for _ in range(n):
             run_blocks(*self.loop_arguments, self.now_ns, 1, 0)
             self.now_ns += self.period_ns
             self._done += 1
-            if self._done % self._cycles == 0:
-                self.gateway.step(self.now_ns)
             self.keep()

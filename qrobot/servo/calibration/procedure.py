@@ -19,7 +19,7 @@ import math
 from typing import Any, Final
 
 from qrobot.faultcodes import NO_JOINT, FaultCode
-from qrobot.hwif.image import IMAGE_COUNT, IMAGE_ENC_INDEX
+from qrobot.hwif.image import IMAGE_ENC_INDEX
 from qrobot.hwif.operations import put_write
 from qrobot.hwif.registers import (
     DISCRETE,
@@ -39,7 +39,7 @@ from qrobot.servo.calibration.state import (
 )
 from qrobot.servo.event import report_event
 from qrobot.servo.hold import allow_range, hold_position, hold_reference
-from qrobot.servo.kernels.converter import IMAGES_TO_ANSWER
+from qrobot.servo.kernels.converter import await_answer, is_answered
 from qrobot.servo.modes import set_mode
 from qrobot.servo.parameters import ServoParameters
 from qrobot.servo.state import ServoState
@@ -188,7 +188,7 @@ def _slow(params: ServoParameters, state: ServoState, joint: int) -> None:
 def _sweep(params: ServoParameters, state: ServoState, joint: int) -> None:
     cal, turn = state.cal, params.transmission.counts_per_rev[joint]
     creep(params, state, joint, params.creep_speed[joint])
-    shown = cal.rearm == 0 and state.image[IMAGE_COUNT] >= cal.latch_valid_at
+    shown = cal.rearm == 0 and is_answered(cal.latch, state.adc, state.image, state.image_taken_ns)
     if shown and state.status & INDEX_BIT_0 << joint == 0:
         _take_index(params, state, joint)
     elif abs(state.counts[joint] - cal.last_index) > MISSING_TURNS * turn:
@@ -262,7 +262,8 @@ def post_latches(state: ServoState, n: int) -> int:
         n = put_write(state.ops, n, DISCRETE, state.discrete_word & ~bit)
         state.discrete_word |= bit
         n = put_write(state.ops, n, DISCRETE, state.discrete_word)
-        cal.rearm, cal.latch_valid_at = 0, state.image[IMAGE_COUNT] + IMAGES_TO_ANSWER
+        cal.rearm = 0
+        await_answer(cal.latch)
     if cal.load != 0:
         for j in range(cal.words.size):
             n = put_write(state.ops, n, ENC_LOAD + 2 * j, cal.words[j])

@@ -8,6 +8,8 @@ from typing import Any, Final
 
 import numpy as np
 
+from qrobot.servo.kernels.converter import Awaited
+
 MOST_INDEXES: Final = 14  # the vendor's number (TRC004 vendor driver v4.3, INDEX_NUM)
 DEFAULT_INDEXES: Final = 5
 FEWEST_INDEXES: Final = 3  # a single one is not enough: 75 units decide, waviness and noise make 40 [A]
@@ -37,6 +39,7 @@ class CalibrationState:
     votes: Any  # int64[n] index pulses that agree
     words: Any  # int64[n] counters as loaded
     before: Any  # int64[n] counters before that
+    latch: Awaited  # the first image whose index flag counts
     stage: int = 0
     joint_now: int = 0
     found: int = 0  # index pulses of this joint that count
@@ -45,7 +48,6 @@ class CalibrationState:
     first: int = 0  # 1 until the first index pulse, which only tells where the turns begin
     attempts: int = 0  # of this joint
     rearm: int = 0  # 1: arm the index latch in this cycle
-    latch_valid_at: int = 0  # count of the first image whose index flag counts
     samples: int = 0  # pot readings since the newest index pulse
     still: int = 0  # cycles in a row without a count
     waited: int = 0  # cycles in the present stage
@@ -61,7 +63,7 @@ def make_calibration_state(n: int) -> CalibrationState:
     return CalibrationState(
         np.zeros(MOST_INDEXES, np.int64),
         np.zeros(MOST_INDEXES), np.zeros(n, np.int64), np.zeros(n), np.zeros(n), np.zeros(n, np.int64),
-        np.zeros(n, np.int64), np.zeros(n, np.int64),
+        np.zeros(n, np.int64), np.zeros(n, np.int64), Awaited(),
     )  # fmt: skip
 
 

@@ -11,12 +11,12 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from qrobot.faultcodes import NO_JOINT, FaultCode
-from qrobot.hwif.image import IMAGE_COUNT, IMAGE_ENC_INDEX
+from qrobot.hwif.image import IMAGE_ENC_INDEX
 from qrobot.hwif.operations import put_write
 from qrobot.hwif.registers import DISCRETE, INDEX_BIT_0
 from qrobot.model.transmission import signed_word
 from qrobot.realtime.jit import lean_kernel
-from qrobot.servo.kernels.converter import IMAGES_TO_ANSWER
+from qrobot.servo.kernels.converter import Awaited, await_answer, is_answered
 
 ENC_LOSS: Final = int(FaultCode.ENC_LOSS)
 LOST_COUNTS: Final = 3  # an edge of the index pulse may come a count or two early or late
@@ -26,14 +26,14 @@ LOST_COUNTS: Final = 3  # an edge of the index pulse may come a count or two ear
 class IndexWatch:
     """State of the watch."""
 
+    awaited: Awaited  # the first image whose flags count
     armed: int = 0  # bits of the latches that are armed, as in DISCRETE
     rearm: int = 0  # bits of those to arm in this cycle
-    valid_at: int = 0  # count of the first image whose flags count
 
 
 def make_index_watch() -> IndexWatch:
     """State of a joint whose index pulse is not waited for."""
-    return IndexWatch()
+    return IndexWatch(Awaited())
 
 
 @lean_kernel
@@ -54,7 +54,8 @@ def check_indexes(transmission: Any, phase: Any, state: Any, status: int) -> tup
     every = ((1 << n) - 1) * INDEX_BIT_0
     seen = watch.armed & ~status & every
     watch.rearm = every & ~watch.armed
-    if seen == 0 or state.image[IMAGE_COUNT] < watch.valid_at:
+    counts = is_answered(watch.awaited, state.adc, state.image, state.image_taken_ns)
+    if seen == 0 or not counts:
         return 0, NO_JOINT
     watch.rearm |= seen
     for j in range(n):
@@ -80,5 +81,6 @@ def post_index_watch(state: Any, n: int, word: int) -> int:
         n = put_write(state.ops, n, DISCRETE, word & ~watch.rearm)
         n = put_write(state.ops, n, DISCRETE, word)
         watch.armed |= watch.rearm
-        watch.rearm, watch.valid_at = 0, state.image[IMAGE_COUNT] + IMAGES_TO_ANSWER
+        watch.rearm = 0
+        await_answer(watch.awaited)
     return n

@@ -12,6 +12,8 @@ sampling began when they were there. One conversion takes two images, or one cyc
 
 Images are counted from the one that the board shows when the operations are posted, not from the one that the cycle has
 seen: a machine may stall in between. And an image that an emulated board makes up after a stall is as old as it says.
+Behind a gateway they are counted by exchanges (`hwif.gateway`), from the one that is under way, if any. Index latches
+that a cycle arms (`Awaited`) are judged by the same rule: the flag of one that nobody waits for looks like a pulse.
 
 The vendor's driver polls without end. Here a conversion that is not done in `patience` cycles is given up and counted,
 and its channel reads NaN until one succeeds: a law that needs it stops the arm (LAW_NAN), the others go on.
@@ -45,6 +47,7 @@ from qrobot.realtime.jit import lean_kernel
 
 REVISION_E: Final = ord("E")  # as the board says it; whatever else stands there is read as revision F
 IMAGES_TO_ANSWER: Final = 2
+NOT_NOTED: Final = -1  # the number of the newest image is known only once the cycle has posted
 
 
 @dataclass(eq=False)
@@ -59,6 +62,16 @@ class AdcState:
     waited: int = 0  # cycles this conversion has taken
     timeouts: int = 0  # conversions given up
     begun: int = 0  # conversions so far, answered or not
+    newest: int = 0  # count of the newest image when the last cycle posted, see `board_memory.newest_count`
+    noted_ns: int = 0  # and when that was
+
+
+@dataclass(eq=False)
+class Awaited:
+    """Answer to something else that a cycle has posted."""
+
+    answer_at: int = 0  # count of the first image that can show it; NOT_NOTED until the cycle after
+    posted_ns: int = 0  # when it was posted: an image taken before cannot show it
 
 
 def make_adc_state() -> AdcState:
@@ -128,10 +141,29 @@ def start_sample(adc: Any, ops: Any, n: int, word: int, wanted: int, count: int,
 
 @lean_kernel
 def note_post(adc: Any, count: int, now_ns: int) -> None:
-    """Take note that a conversion which begins in this cycle is posted, while the board shows image number `count`."""
+    """Take note that a cycle, with the conversion that begins in it, is posted while image `count` is the newest."""
+    adc.newest, adc.noted_ns = count, now_ns
     if adc.busy != 0 and adc.waited == 0:
         adc.answer_at = max(adc.answer_at, count + IMAGES_TO_ANSWER)
         adc.posted_ns = now_ns
+
+
+@lean_kernel
+def await_answer(awaited: Any) -> None:
+    """Wait for the answer to something that this cycle posts."""
+    awaited.answer_at = NOT_NOTED
+
+
+@lean_kernel
+def is_answered(awaited: Any, adc: Any, image: Any, taken_ns: int) -> bool:
+    """True of an image that shows what was posted, in a cycle after it.
+
+    Args:
+        awaited: `Awaited`. adc: `AdcState`, which knows when the last cycle posted. taken_ns: when the image was taken.
+    """
+    if awaited.answer_at == NOT_NOTED:
+        awaited.answer_at, awaited.posted_ns = adc.newest + IMAGES_TO_ANSWER, adc.noted_ns
+    return bool(image[IMAGE_COUNT] >= awaited.answer_at and taken_ns > awaited.posted_ns)
 
 
 @lean_kernel

@@ -11,7 +11,7 @@ import pytest
 from qrobot.arrays import Words
 from qrobot.config.deployment import BoardChoice
 from qrobot.hwif.board_look import BoardLooker
-from qrobot.hwif.board_memory import LANE_CAPACITY, Lane, fetch_image, local_board_memory
+from qrobot.hwif.board_memory import LANE_CAPACITY, Lane, fetch_image, local_board_memory, newest_count
 from qrobot.hwif.bus import BoardFacts
 from qrobot.hwif.gateway import RETRY_NS, Gateway, serve
 from qrobot.hwif.image import IMAGE_COUNT, IMAGE_ENC_COUNT, IMAGE_T_NS, make_image
@@ -93,6 +93,37 @@ def test_the_age_of_an_image_is_told_by_our_clock_and_the_boards_own_is_left_alo
     desk.step()
     assert desk.memory.facts.taken_ns == desk.now_ns
     assert desk.image()[IMAGE_T_NS] > board_ns
+
+
+def test_images_are_numbered_by_exchanges_whatever_the_board_counts(desk: Desk) -> None:
+    """The board may have made several images in an exchange; of none the number stands still, as the board does."""
+    number = desk.image()[IMAGE_COUNT]
+    for ticks in (0, 1, 7):
+        desk.end.bench.tick(ticks)
+        desk.step()
+        number += 1
+        assert desk.image()[IMAGE_COUNT] == number
+    desk.end.standing = True
+    desk.step(3)
+    assert desk.image()[IMAGE_COUNT] == number
+    desk.end.standing = False
+    desk.step()
+    assert desk.image()[IMAGE_COUNT] == number + 4
+
+
+def test_the_newest_image_is_that_of_the_exchange_under_way_as_soon_as_it_begins(desk: Desk) -> None:
+    """What is posted meanwhile goes with the next one."""
+    number, seen = desk.image()[IMAGE_COUNT], list[int]()
+    assert newest_count(desk.memory) == number
+    desk.bus.spoil = lambda _image: seen.append(newest_count(desk.memory))
+    desk.step()
+    assert seen == [number + 1]
+    desk.bus.cut = True
+    desk.step()
+    desk.bus.cut = False
+    assert desk.step()
+    assert set(seen[1:]) == {number + 3}  # the lost one had begun
+    assert desk.image()[IMAGE_COUNT] == number + 3
 
 
 def test_losses_of_modules_beside_the_board_stand_in_its_memory_with_the_next_image() -> None:

@@ -1,0 +1,64 @@
+"""What a servo takes for the answer of a board behind a gateway, whose image does not show what came with its asking.
+
+The far board counts several images between two exchanges, and an exchange takes some cycles of the servo.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from qrobot.faultcodes import FaultCode
+from qrobot.hwif.board_memory import PANEL_MICRO
+from qrobot.hwif.registers import N_ADCS
+from qrobot.modecodes import Mode
+from qrobot.servo.operator.calibration_client import run_calibration
+from qrobot.servo.settings import ServoSettings
+from qrobot.sim_board.emulator import Emulator
+from tests.support.calibrating import PUMA, TABLE, random_pose
+from tests.support.transport_rig import RareRig
+
+# cycles of the servo to an exchange, and those in which it is under way
+EXCHANGES = [(1, 0), (2, 0), (2, 1), (5, 3)]
+
+
+def rare_rig(cycles: int, lasts: int, start: Any = "park", calibrated: bool = True, **settings: Any) -> RareRig:
+    """An arm at rest behind such a board."""
+    pots = settings.get("calibration") is not None
+    plant = Emulator(PUMA, physics="rigid", start=start, calibrated=calibrated, pots=pots)
+    servo = ServoSettings(rate_hz=1000.0, pots=pots, board_timeout_ms=20.0, **settings)
+    return RareRig(PUMA, servo, plant, cycles, keep_telemetry=False, lasts=lasts)
+
+
+@pytest.mark.parametrize(("cycles", "lasts"), EXCHANGES)
+def test_each_channel_shows_its_own_voltage(cycles: int, lasts: int) -> None:
+    rig, volts = rare_rig(cycles, lasts, sensor_channels=tuple(range(N_ADCS))), 0.5 * np.arange(N_ADCS) + 0.1
+    rig.end.memory.panel.analog[:] = np.rint(volts * PANEL_MICRO).astype(np.int64)
+    done = rig.state.adc.done
+    while done.min() < 2:
+        rig.ticks(1)
+        np.testing.assert_allclose(rig.state.sensors[done > 0], volts[done > 0], atol=0.01)
+    assert rig.state.adc.timeouts == 0
+
+
+@pytest.mark.parametrize(("cycles", "lasts"), EXCHANGES)
+def test_an_index_latch_that_is_armed_at_rest_has_seen_no_pulse(cycles: int, lasts: int) -> None:
+    """A latch nobody waits for shows the same as one that has seen a pulse."""
+    rig = rare_rig(cycles, lasts, calibration=TABLE)
+    rig.mailbox.request_power(True)
+    rig.run_for(0.2 * cycles)
+    assert rig.state.index_watch.armed
+    assert (Mode(rig.state.mode), rig.state.event) == (Mode.HOLDING, FaultCode.NONE)
+
+
+@pytest.mark.parametrize(("cycles", "lasts"), [(2, 0), (2, 1)])
+def test_a_calibration_takes_no_pulse_twice_and_the_watch_after_it_none_of_its_latches(cycles: int, lasts: int) -> None:
+    rig = rare_rig(cycles, lasts, random_pose(1), calibrated=False, calibration=TABLE)
+    rig.mailbox.request_power(True)
+    rig.run_for(1.0)
+    report = run_calibration(rig.mailbox, rig.run_for, 3)
+    assert report.votes == [3] * PUMA.n
+    rig.run_for(0.1)
+    assert (Mode(rig.state.mode), rig.state.event) == (Mode.HOLDING, FaultCode.NONE)
