@@ -15,7 +15,7 @@ from qrobot.motion.event import MotionEvent
 from qrobot.motion.path.coordinates import JOINTS, DriveCoordinates
 from qrobot.motion.path.goal_tracker import GoalTracker
 from qrobot.motion.path.path import Path
-from qrobot.motion.path.path_piece import BlendSettings
+from qrobot.motion.path.path_piece import BlendSettings, PathPiece
 from qrobot.motion.path.phase import Phase
 from qrobot.motion.path.segment import Segment
 from qrobot.motion.path.setpoint_history import DEPTH, History, SetpointHistory, true_joints
@@ -33,12 +33,16 @@ _LEAST_STEP: Final = 1e-4  # samples of path time, between places that tell a ve
 
 
 class Given(NamedTuple):
-    """The newest setpoint given out: its sample, its path time, and the rate of that with its change per sample."""
+    """The newest setpoint given out: its sample, its path time, the rate of that with its change per sample, its piece.
+
+    The piece is None on a path that is none of the joints.
+    """
 
     tick: int
     clock: float
     rate: float
     slope: float
+    piece: PathPiece | None
 
 
 class TrajectoryState:
@@ -64,7 +68,7 @@ class TrajectoryState:
         self.override = SpeedOverride(limits, settings.period_s)
         self._asked = FULL_SPEED
         self._settings = settings
-        self._given = Given(tick, 0.0, 1.0, 0.0)
+        self._given = Given(tick, 0.0, 1.0, 0.0, self.path.piece)
         self._lags = deque([0.0], maxlen=DEPTH)  # of path time behind the newest samples, this one included
         self._path_stop: PathStop | None = None
         self._path_stop_tick = 0
@@ -124,6 +128,10 @@ class TrajectoryState:
             return self.override.rate, self.override.slope
         _, rate, slope = self._path_stop.at(self.tick - self._path_stop_tick)
         return rate, slope
+
+    @property
+    def _joint_piece(self) -> PathPiece | None:
+        return self.path.piece if self.on_joint_path else None
 
     @property
     def held(self) -> bool:
@@ -225,7 +233,7 @@ class TrajectoryState:
         """The setpoint (n,) of this sample is `q`."""
         self._setpoints.append(self.tick, q)
         self._actual.append(self.tick, true_joints(q, self._standing))
-        self._given = Given(self.tick, self.clock, *self._rate_and_slope)
+        self._given = Given(self.tick, self.clock, *self._rate_and_slope, self._joint_piece)
 
     # ------------------------------------------------------------------------------------------- other pieces
 
@@ -262,7 +270,7 @@ class TrajectoryState:
         self._setpoints = SetpointHistory(tick, self.newest)
         self._actual = self._setpoints.copy()
         self.tick, self.clock, self._standing = tick, self._given.clock, None
-        self._given = Given(tick, self.clock, 0.0, 0.0)
+        self._given = Given(tick, self.clock, 0.0, 0.0, self._joint_piece)
         self._lags.clear()
 
     def follow(self, goal: Goal, kinematics: ArmKinematics) -> None:
@@ -322,12 +330,15 @@ class TrajectoryState:
     def begin_joint_stop(self, limits: MotionLimits) -> None:
         """Begin to bring the joints to rest from the newest setpoint, as soon as they can, whatever the path was.
 
-        Each setpoint was judged by where such a stop would end: a longer one would end beyond that.
+        Each setpoint was judged by where such a stop would end: a longer one would end beyond that. The piece of path
+        that the setpoint lies on may have been left since; an arm that has come to rest since begins at rest.
         """
-        period_s = self._settings.period_s
-        given = self._given
-        on_path = self.path.state(given.clock, given.rate, given.slope) if self.on_joint_path else None
-        state = self._actual.state(period_s) if on_path is None else on_path
+        period_s, given = self._settings.period_s, self._given
+        piece = self._joint_piece if self.path.phase is Phase.RESTING else given.piece
+        if piece is None:
+            state = self._actual.state(period_s)
+        else:
+            state = piece.state(given.clock, self._settings, given.rate, given.slope / period_s)
         length_s, fading_s = joint_stop_s(state, limits, self._settings.blend)
         self._path_stop = None
         self._setpoints = self._actual.copy()
