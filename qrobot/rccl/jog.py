@@ -176,7 +176,7 @@ def position_of(trsf: Transform) -> Position:
 
 
 def fixed_position(name: str, value: Floats) -> Position:
-    """T6 = a frame (4, 4) that stays what it is: one that may change is followed, at full speed whatever the override."""
+    """T6 = a frame (4, 4) that stays what it is: one that may change is followed, at full speed in any case."""
     return position_of(made_transform(name, const, value))
 
 
