@@ -79,7 +79,7 @@ class RareRig(LockstepRig):
     Args:
         robot, settings, emulator: as of `LockstepRig`.
         cycles: of the servo, to each exchange.
-        lasts: cycles of the servo in which an exchange is under way; fewer than `cycles`.
+        lasts: cycles of the servo in which an exchange is under way; `cycles` at most.
 
     Attributes:
         end: the far end, with the emulator's own board memory.
@@ -102,13 +102,14 @@ class RareRig(LockstepRig):
         assert self.gateway.step(self.now_ns)
         bus.spoil = lambda _image: self._go_on(lasts)  # the image is on its way
         self.end.steps = cycles * self.substeps
-        self._cycles, self._done, self._wanted = cycles, 0, 0
+        self._cycles, self._lasts, self._done, self._wanted = cycles, lasts, 0, 0
 
     def ticks(self, n: int) -> None:
         """Advance by `n` servo cycles; some of them may have passed with an exchange already."""
         self._wanted += n
         while self._done < self._wanted:
-            self._go_on(1)
+            if self._lasts < self._cycles:
+                self._go_on(1)
             if self._done % self._cycles == 0:
                 self.gateway.step(self.now_ns)
 

@@ -10,6 +10,10 @@ whose poles are the eigenvalues of one matrix for each pose. Gains pass when, at
 unit circle with both gains doubled (6 dB of gain margin), and each pole has at least the damping `LEAST_DAMPING` with
 the gains as they are. The arm's own friction is left out: it damps, but nobody knows how much, and it changes.
 
+Behind a gateway a cycle is an exchange, and its torque acts in the next exchange or in the one after that: what the
+servo posts while an exchange is under way goes with the next one. Which of the two it is, the clocks of servo and
+gateway decide. With the longer delay half the margin (3 dB) is enough.
+
 A law of a user's own may do anything with its gains: it is not judged. The built-in law is, which takes over from it
 when it fails.
 """
@@ -34,8 +38,12 @@ from qrobot.servo.settings import ServoSettings
 
 CFG_GAIN: Final = int(FaultCode.CFG_GAIN)
 GAIN_MARGIN: Final = 2.0  # [A] 6 dB, the textbook's least
+LATE_MARGIN: Final = (
+    1.41  # [A] 3 dB, with the longest delay: doubled gains would take an exchange of 2 ms from the PUMA
+)
 LEAST_DAMPING: Final = 0.1  # [A] of each pole; less rings for more than three periods before it has halved
 CALCULATION_CYCLES: Final = 1  # positions of one cycle are answered by the torque that acts in the next
+LATEST_EXCHANGES: Final = 2  # those of one exchange by the torque that acts in the second one after it, at the latest
 ON_THE_CIRCLE: Final = 1e-9  # rounding of an eigenvalue
 MODEL_LAWS: Final = (
     "computed-torque",
@@ -52,10 +60,11 @@ class Loop:
     """Numbers of a servo that decide on stability.
 
     Attributes:
-        period_s: of a cycle. delay: cycles from a position to the torque that answers it, 0 or 1.
+        period_s: of a cycle. delay: cycles from a position to the torque that answers it.
         observer: velocities come from the observer, not from the filtered difference.
         bandwidth: of the estimator, rad/s.
         inertia: M0 of the observer's model. Shape (n,).
+        latest: the longest delay, where it may be longer; 0 where it may not.
     """
 
     period_s: float
@@ -63,6 +72,7 @@ class Loop:
     observer: bool
     bandwidth: float
     inertia: Floats
+    latest: int = 0
 
 
 def loop_of(robot: Robot, settings: ServoSettings) -> Loop:
@@ -70,7 +80,8 @@ def loop_of(robot: Robot, settings: ServoSettings) -> Loop:
     observer = find_estimator(settings.velocity) is Estimator.OBSERVER
     control, period_s = robot.control, max(settings.period_ns * 1e-9, settings.exchange_ms * 1e-3)
     hertz = control.velocity_observer_hz if observer else control.velocity_filter_hz
-    return Loop(period_s, CALCULATION_CYCLES, observer, 2.0 * np.pi * hertz, np.array(control.inertia))
+    latest = LATEST_EXCHANGES if settings.exchange_ms > 0.0 else 0
+    return Loop(period_s, CALCULATION_CYCLES, observer, 2.0 * np.pi * hertz, np.array(control.inertia), latest)
 
 
 def transitions(inertia: Floats, loop: Loop, kp: Floats, kv: Floats) -> Floats:
@@ -78,25 +89,29 @@ def transitions(inertia: Floats, loop: Loop, kp: Floats, kv: Floats) -> Floats:
 
     The gains are those of each joint (n,), or a matrix for each mass matrix (m, n, n).
 
-    States, n of each: position, velocity, the estimator's one or three, the torque of the cycle before.
+    States, n of each: position, velocity, the estimator's one or three, the torques of the cycles before, newest first.
     """
     m, n, T = *inertia.shape[:2], loop.period_s
     stiffness, damping = _by_pose(kp, m), _by_pose(kv, m)
     estimator = _observer(loop) if loop.observer else _difference(loop)
     last = 1 + len(estimator)
-    of_torque = np.stack([-damping @ block for block in estimator[0]], axis=1)  # row of u, a block for each state
+    states = last + max(loop.delay, 1)
+    of_torque = np.zeros((m, states, n, n))  # row of u, a block for each state
+    of_torque[:, : last + 1] = np.stack([-damping @ block for block in estimator[0]], axis=1)
     of_torque[:, 0] -= stiffness
     acting = np.zeros_like(of_torque) if loop.delay else of_torque.copy()
     if loop.delay:
-        acting[:, last] = np.eye(n)
+        acting[:, -1] = np.eye(n)
     pushed = np.linalg.inv(inertia)[:, None] @ acting  # (m, states, n, n)
-    blocks = np.zeros((m, last + 1, last + 1, n, n))
+    blocks = np.zeros((m, states, states, n, n))
     blocks[:, 0], blocks[:, 1] = 0.5 * T * T * pushed, T * pushed
     blocks[:, 0, 0] += np.eye(n)
     blocks[:, 0, 1] += T * np.eye(n)
     blocks[:, 1, 1] += np.eye(n)
-    blocks[:, 2:last], blocks[:, last] = estimator[1:], of_torque
-    return np.asarray(blocks.transpose(0, 1, 3, 2, 4).reshape(m, (last + 1) * n, (last + 1) * n))
+    blocks[:, 2:last, : last + 1], blocks[:, last] = estimator[1:], of_torque
+    for older in range(last + 1, states):
+        blocks[:, older, older - 1] = np.eye(n)
+    return np.asarray(blocks.transpose(0, 1, 3, 2, 4).reshape(m, states * n, states * n))
 
 
 def _by_pose(gains: Floats, m: int) -> Floats:
@@ -149,14 +164,22 @@ def damping_of(poles: Any) -> Floats:
 
 
 def are_sound(inertia: Floats, loop: Loop, kp: Floats, kv: Floats) -> bool:
-    """True when gains keep both margins with every mass matrix (m, n, n). No number is no gain."""
+    """True when gains keep all margins with every mass matrix (m, n, n). No number is no gain."""
     if not (np.isfinite(kp).all() and np.isfinite(kv).all()):
         return False
     if kp.ndim == 1 and not ((kp >= 0.0).all() and (kv > 0.0).all()):
         return False
     if not least_damping(inertia, loop, kp, kv) >= LEAST_DAMPING:
         return False
-    return spectral_radius(inertia, loop, GAIN_MARGIN * kp, GAIN_MARGIN * kv) <= 1.0 + ON_THE_CIRCLE
+    late = replace(loop, delay=max(loop.delay, loop.latest))
+    return _bears(inertia, loop, GAIN_MARGIN, kp, kv) and (
+        late.delay == loop.delay or _bears(inertia, late, LATE_MARGIN, kp, kv)
+    )
+
+
+def _bears(inertia: Floats, loop: Loop, factor: float, kp: Floats, kv: Floats) -> bool:
+    """True when all poles stay inside the unit circle with both gains so many times as large."""
+    return spectral_radius(inertia, loop, factor * kp, factor * kv) <= 1.0 + ON_THE_CIRCLE
 
 
 def check_gains(

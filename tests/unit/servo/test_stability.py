@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -30,6 +33,7 @@ from qrobot.servo.laws.stability import (
 from qrobot.servo.settings import ServoSettings
 from qrobot.sim_board.emulator import Emulator
 from tests.support.dynamics import model_mass_matrix
+from tests.support.transport_rig import RareRig
 
 PUMA, STANFORD = load_robot("puma560"), load_robot("stanford")
 ROBOTS = {robot.name: robot for robot in (PUMA, STANFORD)}
@@ -55,9 +59,15 @@ def without_friction(robot: Robot) -> Robot:
     return robot.model_copy(update={"friction": {control.friction_preset: none}, "control": control})
 
 
-def amplitude(robot: Robot, settings: ServoSettings, joint: int, ticks: int = TICKS) -> float:
+def amplitude(
+    robot: Robot,
+    settings: ServoSettings,
+    joint: int,
+    ticks: int = TICKS,
+    new_rig: Callable[..., LockstepRig] = LockstepRig,
+) -> float:
     """Largest error in the last tenth of a step response on the emulated board, in steps. The guard looks away."""
-    rig = LockstepRig(robot, settings, Emulator(robot, physics="rigid", start="ready"))
+    rig = new_rig(robot, settings, Emulator(robot, physics="rigid", start="ready"))
     for limit in (rig.params.following_error, rig.params.v_max, rig.params.a_stop, rig.params.range_margin):
         limit[:] = np.inf
     watch = rig.params.watch
@@ -72,13 +82,13 @@ def amplitude(robot: Robot, settings: ServoSettings, joint: int, ticks: int = TI
     return float(np.abs(error[-ticks // 10 :, joint]).max() / STEP)
 
 
-def critical(robot: Robot, settings: ServoSettings, row: str, joint: int, outwards: float) -> float:
-    """Factor on a gain of a joint at which the pole leaves the circle, without the calculation's delay."""
+def critical(robot: Robot, settings: ServoSettings, row: str, joint: int, outwards: float, delay: int = 0) -> float:
+    """Factor on a gain of a joint at which the pole leaves the circle; in lock-step the calculation takes no time."""
     inertia = mass_matrix(dynamics_params(robot), robot.poses["ready"])[None]
     period_s, control = settings.period_ns * 1e-9, robot.control
     observer = settings.velocity == "observer"
     hertz = control.velocity_observer_hz if observer else control.velocity_filter_hz
-    loop = Loop(period_s, 0, observer, 2.0 * np.pi * hertz, np.array(control.inertia))
+    loop = Loop(period_s, delay, observer, 2.0 * np.pi * hertz, np.array(control.inertia))
 
     def stable(factor: float) -> bool:
         found = with_gains(robot, **{row: (joint, getattr(control, row)[joint] * factor)}).control
@@ -104,6 +114,20 @@ def test_a_simulated_arm_decays_below_the_limit_of_a_gain_and_shakes_above_it(
     limit = critical(robot, settings, row, joint, 1e4) * getattr(robot.control, row)[joint]
     assert amplitude(with_gains(robot, **{row: (joint, limit / 1.3)}), settings, joint) < DECAYED
     assert amplitude(with_gains(robot, **{row: (joint, limit * 1.3)}), settings, joint) > SHAKES
+
+
+@pytest.mark.parametrize("velocity", ["difference", "observer"])
+@pytest.mark.parametrize("lasts", [0, 1])
+def test_so_it_does_behind_a_gateway_where_a_torque_acts_one_exchange_later_or_two(lasts: int, velocity: str) -> None:
+    """Two where the servo computes while an exchange is under way."""
+    settings, robot = ServoSettings(rate_hz=500.0, velocity=velocity, pots=False), without_friction(PUMA)
+    limit = critical(robot, settings, "kp", 0, 1e4, delay=1 + lasts) * robot.control.kp[0]
+
+    def error(kp: float) -> float:
+        return amplitude(with_gains(robot, kp=(0, kp)), settings, 0, new_rig=partial(RareRig, cycles=1, lasts=lasts))
+
+    assert error(limit / 1.3) < DECAYED
+    assert error(limit * 1.3) > SHAKES
 
 
 @pytest.mark.parametrize("joint", [0, 2, 4])
@@ -142,6 +166,24 @@ def test_a_slow_gateway_is_as_bad_as_a_slow_servo() -> None:
     check_gains(PUMA, ServoSettings(rate_hz=4000.0, exchange_ms=2.0))
     with pytest.raises(ConfigError, match="cycles of 10 ms"):
         check_gains(PUMA, ServoSettings(rate_hz=4000.0, exchange_ms=10.0))
+
+
+def test_gains_that_shake_an_arm_whose_gateway_answers_in_the_second_exchange_are_refused() -> None:
+    """With a delay of one they bear the double."""
+    settings = ServoSettings(rate_hz=250.0, velocity="observer")
+    check_gains(PUMA, settings)
+    with pytest.raises(ConfigError, match="cycles of 4 ms"):
+        check_gains(PUMA, replace(settings, exchange_ms=4.0))
+
+
+@pytest.mark.parametrize(
+    ("robot", "velocity"),
+    [(PUMA, "difference"), (PUMA, "observer"), (STANFORD, "difference")],
+    ids=["puma", "puma observed", "stanford"],
+)
+@pytest.mark.parametrize("law", ["qrobot", "computed-torque"])
+def test_the_gains_that_are_shipped_pass_at_the_rate_of_modbus_and_can(robot: Robot, velocity: str, law: str) -> None:
+    check_gains(robot, ServoSettings(rate_hz=500.0, exchange_ms=2.0, velocity=velocity, law=law))
 
 
 def test_who_signs_for_gains_gets_them_and_drives_that_close_the_loop_need_none() -> None:
