@@ -20,8 +20,11 @@ from qrobot.hwif.registers import (
 )
 from qrobot.realtime.flat_record import record_of
 from qrobot.servo.kernels.converter import (
+    Awaited,
+    await_answer,
     code_volts,
     collect_sample,
+    is_answered,
     make_adc_state,
     next_channel,
     note_post,
@@ -142,6 +145,17 @@ def test_images_that_a_late_board_makes_up_for_answer_nothing_that_was_posted_af
         for channel in set(sampler.sampled):
             assert sampler.volts[channel] == pytest.approx(sampler.expected(channel), abs=0.01)
     assert set(sampler.sampled) == {6, 7}
+
+
+def test_what_else_is_posted_is_answered_by_the_second_image_after_the_one_that_was_newest_then() -> None:
+    """Whichever the cycle had seen: the servo may have stalled before it posted."""
+    adc, awaited, image = record_of(make_adc_state()), record_of(Awaited()), make_image()
+    await_answer(awaited)
+    note_post(adc, 7, 1000)
+    for count, taken_ns, answers in ((5, 900, False), (8, 1001, False), (9, 1000, False), (9, 1001, True)):
+        image[IMAGE_COUNT] = count
+        assert is_answered(awaited, adc, image, taken_ns) == answers
+        note_post(adc, 20 + count, 2000)  # of later cycles, which have posted something else
 
 
 def test_a_slow_converter_is_waited_for() -> None:
