@@ -16,6 +16,7 @@ from qrobot.hwif.registers import N_ADCS
 from qrobot.modecodes import Mode
 from qrobot.servo.operator.calibration_client import run_calibration
 from qrobot.servo.settings import ServoSettings
+from qrobot.servo.state import ADOPT_BOARD
 from qrobot.sim_board.emulator import Emulator
 from tests.support.calibrating import PUMA, TABLE, random_pose
 from tests.support.transport_rig import RareRig
@@ -62,3 +63,16 @@ def test_a_calibration_takes_no_pulse_twice_and_the_watch_after_it_none_of_its_l
     assert report.votes == [3] * PUMA.n
     rig.run_for(0.1)
     assert (Mode(rig.state.mode), rig.state.event) == (Mode.HOLDING, FaultCode.NONE)
+
+
+def test_a_board_that_is_found_again_answers_no_conversion_of_before() -> None:
+    """What was posted while it was lost was dropped; what its converter shows is older still."""
+    rig = rare_rig(2, 0, sensor_channels=(0, 1))
+    adc = rig.state.adc
+    rig.run_for(0.1)
+    while adc.busy == 0:
+        rig.ticks(1)
+    done, begun, rig.state.adopt = adc.done.sum(), adc.begun, ADOPT_BOARD
+    while rig.state.adopt == ADOPT_BOARD:
+        rig.ticks(1)
+    assert (adc.done.sum(), adc.begun) == (done, begun + 1)
