@@ -108,7 +108,7 @@ class GuardianBlock:
     """The guardian's heartbeat and its takeover."""
 
     t_ns: int = word()  # its heartbeat
-    takeover: int = word()  # 1: it has taken the board; the servo writes nothing more
+    takeover: int = word()  # it takes (2), or has taken (1), the board; the servo writes nothing more
     trips: int = word()  # how often it had to, since it started
 
 
