@@ -51,7 +51,7 @@
 
 /* The board memory, in words of 64 bits; they follow from the types in qrobot/hwif/board_memory.py, and a test compares them. */
 #define TRC004_MAGIC 0x51524F424F54
-#define TRC004_LAYOUT 6
+#define TRC004_LAYOUT 7
 #define TRC004_IMAGE_SEQ 24
 #define TRC004_IMAGE_START 32
 #define TRC004_IMAGE_COUNT 1

@@ -50,7 +50,8 @@ COUNTER_RANGE = (-32768, 32767)  # of a signed 16-bit word
 DAC_HALF_RANGE = 2048  # 12-bit offset binary around 0x800 [V]
 UNEXPLAINED_SHARE = 0.7  # of tau_max: wrong friction, load and gain together stay below
 UNKNOWN_LOAD_SHARE = 0.15  # of the torque limit: 2.5 kg on a PUMA 560
-FOLLOWING_SHARE = 0.25  # of a joint's range: a following error beyond it is one in degrees or mm [A]
+FOLLOWING_SHARE = 0.25  # of a joint's range: a following error beyond it is one in degrees or mm [A],
+FOLLOWING_LEAST = 0.1  # unless it is no more than this, rad or m [A]
 SLOWEST_STOP_S = 2.0  # from full speed: a stop that takes longer is none [A]
 NEEDED_POSES = ("park", "ready", "end")
 
@@ -347,7 +348,7 @@ def _guards_nothing(guard: Guard, limits: Limits) -> Iterator[str]:
         yield "guard.a_stop exceeds limits.a_max"
     if (guard.a_stop * SLOWEST_STOP_S < limits.v_max).any():
         yield f"guard.a_stop takes more than {SLOWEST_STOP_S:g} s to stop a joint at limits.v_max"
-    if (guard.following_error > FOLLOWING_SHARE * (limits.q_max - limits.q_min)).any():
+    if (guard.following_error > np.maximum(FOLLOWING_SHARE * (limits.q_max - limits.q_min), FOLLOWING_LEAST)).any():
         yield f"guard.following_error exceeds {FOLLOWING_SHARE:.0%} of the joint's range (it is in rad or m)"
     if guard.start_tolerance > guard.following_error.min():
         yield "guard.start_tolerance exceeds guard.following_error"

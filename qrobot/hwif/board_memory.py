@@ -32,7 +32,7 @@ from qrobot.realtime.seqlock import begin_write, end_write, seqlock_read
 from qrobot.realtime.shared_memory import SegmentHeader, SharedMemory
 from qrobot.realtime.structure import WORD_BYTES, digest_of, dtype_of, local_record, part, record_in, word, words
 
-LAYOUT: Final = 6  # the one thing that programs in C compare; those in Python compare `DIGEST` too
+LAYOUT: Final = 7  # the one thing that programs in C compare; those in Python compare `DIGEST` too
 
 
 class Lane(IntEnum):

@@ -35,7 +35,7 @@ def networks(host: str, allowed: Sequence[str]) -> Allowed:
         raise ConfigError(f"a client of a Modbus server: {error}") from None
 
 
-class Door:
+class BoardDoor:
     """Listens from the beginning; inside a running event loop.
 
     Args:

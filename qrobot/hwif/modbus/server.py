@@ -30,7 +30,7 @@ from pymodbus.simulator import DataType, SimData, SimDevice
 from qrobot.errors import ConfigError, LinkBusy, LinkError, RemoteProtocolError
 from qrobot.hwif.bus import NO_OPERATIONS, Endpoint
 from qrobot.hwif.modbus.device import WATCHDOG_MS, ModbusDevice
-from qrobot.hwif.modbus.door import Allowed, Door, networks
+from qrobot.hwif.modbus.door import Allowed, BoardDoor, networks
 from qrobot.hwif.modbus.map import BOARD_ROWS, ROBOT_ROWS, WORD_BITS, MapRow
 from qrobot.report import Report
 from qrobot.units import NS_PER_S
@@ -193,8 +193,8 @@ class ModbusBoardServer(ModbusTcpServer):
         door: Any = self.transport
         return int(door.address[1])
 
-    async def _open_door(self) -> Door:
-        return Door(*self._place, self._allowed, self.handle_new_connection)
+    async def _open_door(self) -> BoardDoor:
+        return BoardDoor(*self._place, self._allowed, self.handle_new_connection)
 
     def heard(self, caller: Caller) -> None:
         """A connection begins, or asks for something: it is the last to be closed when there are too many."""

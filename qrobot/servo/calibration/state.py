@@ -8,7 +8,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from qrobot.servo.kernels.converter import Awaited
+from qrobot.servo.kernels.awaited import Awaited
 
 MOST_INDEXES: Final = 14  # the vendor's number (TRC004 vendor driver v4.3, INDEX_NUM)
 DEFAULT_INDEXES: Final = 5

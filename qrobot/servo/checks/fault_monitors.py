@@ -12,7 +12,7 @@ from qrobot.model.dynamics import inverse_dynamics
 from qrobot.model.transmission import motor_rates, torque_to_motor
 from qrobot.realtime.jit import lean_kernel
 from qrobot.servo.checks.dead_encoder import WRONG_INERTIA, lasting
-from qrobot.servo.checks.encoder_monitor import SCALE_SHARE, forget_encoder, watch_encoder
+from qrobot.servo.checks.encoder_monitor import SCALE_SHARE, forget_encoder, held_by, watch_encoder
 from qrobot.servo.checks.momentum_observer import STALE, observe_push
 from qrobot.servo.checks.motor_fault_diagnosis import (
     check_parked,
@@ -323,7 +323,8 @@ def _name_push(params: ServoParameters, state: ServoState, j: int) -> None:
     if code == ENC_STUCK and pot_is_watching(state, j):
         if not joint_stands(state, j):
             return  # a matter of the potentiometer, see `watch_encoder`
-        code = COLLISION  # something holds it, or is held by it
+        held = held_by(params, state, j)
+        code = held if held != 0 else COLLISION
     if code == RUNAWAY:
         report_fault(state, code, j, abs(state.v[j]), abs(state.v_ref[j]) + margin)
     else:

@@ -16,7 +16,8 @@ from qrobot.hwif.operations import put_write
 from qrobot.hwif.registers import DISCRETE, INDEX_BIT_0
 from qrobot.model.transmission import signed_word
 from qrobot.realtime.jit import lean_kernel
-from qrobot.servo.kernels.converter import Awaited, await_answer, is_answered
+from qrobot.servo.kernels.awaited import Awaited
+from qrobot.servo.kernels.converter import await_answer, is_answered
 
 ENC_LOSS: Final = int(FaultCode.ENC_LOSS)
 LOST_COUNTS: Final = 3  # an edge of the index pulse may come a count or two early or late

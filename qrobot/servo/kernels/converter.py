@@ -44,10 +44,10 @@ from qrobot.hwif.registers import (
 )
 from qrobot.model.transmission import signed_word
 from qrobot.realtime.jit import lean_kernel
+from qrobot.servo.kernels.awaited import NOT_NOTED
 
 REVISION_E: Final = ord("E")  # as the board says it; whatever else stands there is read as revision F
 IMAGES_TO_ANSWER: Final = 2
-NOT_NOTED: Final = -1  # the number of the newest image is known only once the cycle has posted
 
 
 @dataclass(eq=False)
@@ -64,14 +64,6 @@ class AdcState:
     begun: int = 0  # conversions so far, answered or not
     newest: int = 0  # count of the newest image when the last cycle posted, see `board_memory.newest_count`
     noted_ns: int = 0  # and when that was
-
-
-@dataclass(eq=False)
-class Awaited:
-    """Answer to something else that a cycle has posted."""
-
-    answer_at: int = 0  # count of the first image that can show it; NOT_NOTED until the cycle after
-    posted_ns: int = 0  # when it was posted: an image taken before cannot show it
 
 
 def make_adc_state() -> AdcState:

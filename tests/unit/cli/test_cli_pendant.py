@@ -48,7 +48,7 @@ def test_what_goes_wrong_is_told_without_waiting_for_a_terminal(
 
     monkeypatch.setattr(logging.getLogger(), "handlers", [])
     monkeypatch.setattr("qrobot.cli.pendant.note", note)
-    monkeypatch.setattr(server, "_Server", Pretence)
+    monkeypatch.setattr(server, "PendantServer", Pretence)
     deployment = str(write_deployment(tmp_path))
     taught = str(tmp_path / "t.db")
     assert run_app(make_app("pendant"), ["pendant", "--deployment", deployment, "--port", "0", "--taught", taught]) == 0

@@ -9,7 +9,7 @@ from contextlib import ExitStack
 import pytest
 
 from qrobot.hwif.modbus.device import ModbusDevice
-from qrobot.hwif.modbus.door import Door
+from qrobot.hwif.modbus.door import BoardDoor
 from qrobot.hwif.modbus.server import ModbusBoardServer, ModbusServer
 from qrobot.hwif.registers import DAC
 from qrobot.realtime.acceptor import BURST
@@ -24,9 +24,9 @@ WRITE = bytes([0, 1, 0, 0, 0, 6, 1, 6, 0, DAC // 2, 8, 0])
 
 def test_between_two_turns_of_the_watchdog_few_connections_are_taken(monkeypatch: pytest.MonkeyPatch) -> None:
     taken, per_turn = [], []
-    admits = Door.admits
+    admits = BoardDoor.admits
 
-    def counted(door: Door, connection: socket.socket) -> bool:
+    def counted(door: BoardDoor, connection: socket.socket) -> bool:
         taken.append(connection)
         return admits(door, connection)
 
@@ -43,7 +43,7 @@ def test_between_two_turns_of_the_watchdog_few_connections_are_taken(monkeypatch
         await server.shutdown()  # type: ignore[no-untyped-call]
         await asyncio.sleep(0)  # the connections see that they are closed
 
-    monkeypatch.setattr(Door, "admits", counted)
+    monkeypatch.setattr(BoardDoor, "admits", counted)
     asyncio.run(asyncio.wait_for(take_all(), PATIENCE_S))
     assert max(per_turn) == BURST
 
@@ -58,7 +58,7 @@ def test_a_server_that_ends_while_somebody_enters_leaves_no_connection_open(monk
             entered.set()
             return True
 
-        monkeypatch.setattr(Door, "admits", admit)
+        monkeypatch.setattr(BoardDoor, "admits", admit)
         reader, writer = await asyncio.open_connection("127.0.0.1", server.port)
         await entered.wait()
         await server.shutdown()  # type: ignore[no-untyped-call]
