@@ -321,10 +321,9 @@ def _name_push(params: ServoParameters, state: ServoState, j: int) -> None:
     if code != 0 and abs(push) <= limits.unexplained[j] + watch.allowed[j] + watch.planned[j]:
         code = COLLISION  # only a lower threshold was asked for: nothing more is known to be wrong
     if code == ENC_STUCK and pot_is_watching(state, j):
-        if not joint_stands(state, j):
+        if not joint_stands(state, j) or held_by(params, state, j) != 0:
             return  # a matter of the potentiometer, see `watch_encoder`
-        held = held_by(params, state, j)
-        code = held if held != 0 else COLLISION
+        code = COLLISION  # something holds it
     if code == RUNAWAY:
         report_fault(state, code, j, abs(state.v[j]), abs(state.v_ref[j]) + margin)
     else:
