@@ -181,7 +181,7 @@ def inertial_torques(params: ServoParameters, state: ServoState) -> None:
     for j in range(state.q.size):
         jolt = unplanned_bend(params, state, j)
         watch.jolt[j] = lasting(watch.jolt[j], jolt, dt)
-        late = max(jolt, catching_up(params, state, j, params.period_ns * 1e-9))
+        late = max(jolt, catching_up(params, state, j, params.period_ns * 1e-9), slowing_down(params, state, j))
         watch.late[j] = lasting(watch.late[j], late, dt)
         watch.bend[j] = lasting(watch.bend[j], max(abs(state.a_ref[j]), late), dt)
         total, jolts = total + roots[j] * watch.bend[j], jolts + roots[j] * watch.jolt[j]
@@ -230,6 +230,14 @@ def catching_up(params: ServoParameters, state: ServoState, j: int, usual_s: flo
     """Acceleration by which the law makes up for a cycle that took longer than `usual_s`."""
     limits, step = params.watch, abs(state.v_ref[j]) * max(0.0, state.dt - usual_s)
     return float(min(limits.jolt_per_step[j] * step, limits.jolt_max[j]))
+
+
+@lean_kernel
+def slowing_down(params: ServoParameters, state: ServoState, j: int) -> float:
+    """Acceleration by which the law takes back, with Kv, the speed that a torque gave, held over a very late cycle."""
+    limits, held_s = params.watch, state.dt if state.dt > VERY_LATE_S else 0.0
+    gained = abs(state.tau[j] - state.watch.load[j]) * held_s / params.inertia[j]
+    return float(min(limits.jolt_per_jump[j] * gained, limits.jolt_max[j]))
 
 
 @lean_kernel
