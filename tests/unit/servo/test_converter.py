@@ -19,8 +19,8 @@ from qrobot.hwif.registers import (
     STATUS_POWER,
 )
 from qrobot.realtime.flat_record import record_of
+from qrobot.servo.kernels.awaited import Awaited
 from qrobot.servo.kernels.converter import (
-    Awaited,
     await_answer,
     code_volts,
     collect_sample,
