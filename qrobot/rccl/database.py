@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from qrobot.errors import ConfigError
 from qrobot.motion import Trsf
-from qrobot.rccl.transforms import Transform, assigntr, made_transform, varb
+from qrobot.rccl.transforms import Transform, assigntr, hold, made_transform
 from qrobot.transform_file import TransformFile
 
 
@@ -15,8 +15,10 @@ class DataBase(TransformFile):
         path: of the file; it need not exist yet.
     """
 
-    def get(self, name: str, kind: str = varb) -> Transform:
+    def get(self, name: str, kind: str = hold) -> Transform:
         """The transform of that name, of kind "const", "varb" or "hold".
+
+        A goal that is "varb" is followed: it obeys no override and no pause.
 
         Raises:
             ConfigError: there is none, or a line cannot be read.

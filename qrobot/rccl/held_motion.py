@@ -14,7 +14,7 @@ from typing import Final, Generic, TypeVar
 import numpy as np
 
 from qrobot.arrays import Floats
-from qrobot.errors import LinkError, MotionError, QRobotError, ServoFault, TooFast
+from qrobot.errors import FenceCrossed, LinkError, MotionError, QRobotError, ServoFault, TooFast
 from qrobot.motion import Termination
 from qrobot.rccl.channel import Channel
 from qrobot.rccl.jog import SETTLING_MS, asked_joints, fixed_position, measure
@@ -31,6 +31,7 @@ AHEAD: Final = 2  # pieces that wait
 MARGIN: Final = 0.01  # [A] rad or m that a joint stays away from its ends,
 MARGIN_SHARE: Final = 0.1  # [A] but no more than this share of its range
 WITHIN: Final = 0.95  # [A] of the speed allowed, for the rounding of a plan to sample periods
+SHORTEST_PIECE: Final = 1.0  # [A] mm or degrees, before a fence: at each piece its margin may be off by a tenth of that
 BRAKE_MS: Final = 500.0  # [A] from the release to rest
 
 HeldT = TypeVar("HeldT")
@@ -175,6 +176,11 @@ class HeldMotion(Generic[HeldT]):
             try:
                 self._arm.move(position)
             except TooFast as error:  # what lies between is more than the joints can do
+                straight.shorten(error)
+                continue
+            except FenceCrossed as error:
+                if straight.piece < 2.0 * SHORTEST_PIECE:
+                    raise
                 straight.shorten(error)
                 continue
             straight.accept()

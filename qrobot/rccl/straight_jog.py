@@ -64,6 +64,11 @@ class StraightWay:
         return self
 
     @property
+    def piece(self) -> float:
+        """Length of the piece that was proposed, mm or degrees."""
+        return self._length * min(self.share, self._left)
+
+    @property
     def done(self) -> bool:
         """The step has been gone."""
         return self._left < DONE
@@ -96,7 +101,7 @@ class StraightWay:
         self.share = min(1.0, GROWS * self.share)
 
     def _ahead(self) -> Floats:
-        piece = small_move(self._axis, (np.sign(self._speed) * self._length * min(self.share, self._left),))
+        piece = small_move(self._axis, (np.sign(self._speed) * self.piece,))
         if self._axes is not None:
             piece = along_axes(piece, self._axes)
         return moved_by(self._value, piece, self._in_base)

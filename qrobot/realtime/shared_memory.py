@@ -173,6 +173,8 @@ class SharedMemory:
         if unlink and self.owner and _same_file(self._fd, self.path):
             self.path.unlink(missing_ok=True)
             tidy_folder(self.path.parent)
+        if self.owner:
+            fcntl.flock(self._fd, fcntl.LOCK_UN)
         for lock in (_OWNER, _COMMANDER):  # the mapping, and a forked child, have descriptors that would keep them
             _unlock(self._fd, lock)
         os.close(self._fd)  # the mapping lives as long as somebody holds `words`
@@ -205,12 +207,26 @@ def discard_dead(name: str) -> None:
 
 
 def own(fd: int, tries: int = 1) -> bool:
-    """Take the owner's lock of the file that is open, as long as it is; False when somebody else owns it."""
-    while not _maybe_lock(fd, _OWNER):
+    """Take the owner's lock of the file that is open, as long as it is; False when somebody else owns it.
+
+    An owner has `flock` as well, by which alone those of versions until 2026-11 are known.
+    """
+    while not _maybe_own(fd):
         tries -= 1
         if tries == 0:
             return False
         sleep_between_looks(_LOCK_PAUSE_S)
+    return True
+
+
+def _maybe_own(fd: int) -> bool:
+    if not _maybe_lock(fd, _OWNER):
+        return False
+    try:
+        fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        _unlock(fd, _OWNER)
+        return False
     return True
 
 

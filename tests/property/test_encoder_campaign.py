@@ -14,7 +14,7 @@ import pytest
 from qrobot.faultcodes import FaultCode
 from qrobot.modecodes import Mode
 from qrobot.rig.lockstep import LockstepRig
-from qrobot.servo.calibration.potentiometers import watch_pots
+from qrobot.servo.calibration.potentiometers import MOST_SILENCES, are_silent, forget_pots, watch_pots
 from qrobot.servo.calibration.state import PLAUSIBLE, PROVEN, REFUTED, SILENT, UNJUDGED, UNPROVEN
 from qrobot.servo.checks.potentiometer_monitor import wanted_channels
 from qrobot.servo.memory.setpoint_queue import POSITION_SETPOINT
@@ -217,6 +217,18 @@ def test_an_answer_of_a_sensor_says_nothing_of_potentiometers_that_are_silent(ta
     assert pots.verdict == SILENT
     watch_pots(rig.params, state, 0)
     assert pots.verdict == (UNJUDGED if table else SILENT)  # without one nobody asks them any more
+
+
+@pytest.mark.parametrize("table", [False, True])
+def test_a_sensor_that_is_silent_says_nothing_of_potentiometers_that_are_not(table: bool) -> None:
+    rig = LockstepRig(PUMA, ServoSettings(sensor_channels=(6,), calibration=TABLE if table else None))
+    silent = rig.state.adc.lost
+    silent[6] = 100
+    assert not are_silent(rig.params, rig.state)
+    silent[2] = MOST_SILENCES
+    assert are_silent(rig.params, rig.state)
+    forget_pots(rig.params, rig.state)
+    assert not are_silent(rig.params, rig.state)
 
 
 def test_potentiometers_that_nobody_has_heard_take_nothing_from_a_sensor_under_torque() -> None:

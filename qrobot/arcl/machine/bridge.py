@@ -259,8 +259,10 @@ class BridgeMachine:
 
     def _stopped(self, fault: ServoFault | LinkError) -> None:
         """The servo holds the arm, or none does. Raises `fault`: nobody keeps its path."""
-        leaving, held = self._robot.phase is CyclePhase.STOPPING, not may_go_back(self.td.how)
-        if leaving or self._cycle is None or self._keeper is None or not self._keeper.keep(fault, held):
+        leaving = self._robot.phase is CyclePhase.STOPPING
+        if leaving or self._cycle is None or self._keeper is None:
+            raise fault
+        if not self._keeper.keep(fault, held=not may_go_back(self.td.how)):
             raise fault
         self._robot.stand()
         self.td.chg.path_waits = True

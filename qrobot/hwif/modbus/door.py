@@ -52,21 +52,28 @@ class BoardDoor:
         self._loop = asyncio.get_running_loop()
         self._entering: set[asyncio.Task[Any]] = set()
         is_answered()  # found out before anybody comes
-        self._acceptor = Acceptor(_bound(host, port), self._welcome)
+        self._acceptors: list[Acceptor] = []
         try:
-            self._acceptor.open()
+            for place in _places(host, port):
+                port = self._acceptors[0].address[1] if self._acceptors else port
+                self._acceptors.append(Acceptor(_bound(*place, port), self._welcome))
+                self._acceptors[-1].open()
         except OSError:
-            self._acceptor.close()
+            self._stop_listening()
             raise
 
     @property
     def address(self) -> tuple[str, int]:
-        """Host and port."""
-        return self._acceptor.address
+        """Host and port, of several the first."""
+        return self._acceptors[0].address
+
+    def _stop_listening(self) -> None:
+        for each in self._acceptors:
+            each.close()
 
     def close(self) -> None:
         """Let nobody in any more; who is inside stays."""
-        self._acceptor.close()
+        self._stop_listening()
         for task in self._entering:
             task.cancel()
 
@@ -99,17 +106,20 @@ class BoardDoor:
             connection.close()
 
 
-def _bound(host: str, port: int) -> socket.socket:
-    """A socket at the first address of `host`; one of IPv6 has none of IPv4, as asyncio's own servers have it."""
-    family, kind, protocol, _, address = socket.getaddrinfo(
-        host, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE
-    )[0]
-    bound = socket.socket(family, kind, protocol)
+def _places(host: str, port: int) -> list[tuple[int, str]]:
+    """Families and addresses of `host`, each once."""
+    found = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)
+    return list(dict.fromkeys((int(family), str(address[0])) for family, _, _, _, address in found))
+
+
+def _bound(family: int, address: str, port: int) -> socket.socket:
+    """A socket at an address; one of IPv6 has none of IPv4, as asyncio's own servers have it."""
+    bound = socket.socket(family, socket.SOCK_STREAM)
     try:
         bound.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         if family == socket.AF_INET6:
             bound.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_V6ONLY, 1)
-        bound.bind(address)
+        bound.bind((address, port))
     except OSError:
         bound.close()
         raise

@@ -62,7 +62,7 @@ def answer_pots(params: ServoParameters, state: ServoState) -> bool:
     if not has_table(params):
         return bool(params.pots == 0 or pots.verdict != UNJUDGED)
     if pots.asked_at != state.tick - 1 and pots.verdict == PLAUSIBLE:
-        forget_pots(state)
+        forget_pots(params, state)
     pots.asked_at = state.tick
     return bool(pots.verdict != UNJUDGED)
 
@@ -75,10 +75,10 @@ def forget_trials(state: ServoState) -> None:
 
 
 @lean_kernel
-def forget_pots(state: ServoState) -> None:
+def forget_pots(params: ServoParameters, state: ServoState) -> None:
     """Another board, other counters, or another request for power: read everything anew."""
     forget_trials(state)
-    state.pots.verdict, state.pots.timeouts_before = UNJUDGED, state.adc.timeouts
+    state.pots.verdict, state.pots.silences_before = UNJUDGED, _silences(params, state)
     for j in range(state.pots.total.size):
         state.pots.total[j], state.pots.readings[j] = 0.0, 0
         state.pots.low[j], state.pots.high[j], state.pots.proof[j] = 0.0, 0.0, UNPROVEN
@@ -106,7 +106,7 @@ def watch_pots(params: ServoParameters, state: ServoState, channel: int) -> None
     if not has_table(params):
         return
     if state.pots.verdict == SILENT and _is_a_pot(params, channel):
-        forget_pots(state)
+        forget_pots(params, state)
     if state.pots.verdict != UNJUDGED:
         return
     enough = True
@@ -117,8 +117,23 @@ def watch_pots(params: ServoParameters, state: ServoState, channel: int) -> None
         enough = enough and state.pots.readings[j] >= READINGS
     if enough and not gives_torque(state.mode):
         _judge(params, state)
-    elif state.adc.timeouts - state.pots.timeouts_before >= MOST_SILENCES:
+    elif are_silent(params, state):
         state.pots.verdict, state.pots.suspect = SILENT, NO_JOINT
+
+
+@lean_kernel
+def are_silent(params: ServoParameters, state: ServoState) -> bool:
+    """The converter gives no answer about potentiometers. What it says of a sensor is another matter."""
+    return bool(_silences(params, state) - state.pots.silences_before >= MOST_SILENCES)
+
+
+@lean_kernel
+def _silences(params: ServoParameters, state: ServoState) -> int:
+    lost = 0
+    for channel in range(state.adc.lost.size):
+        if params.sensor_mask & (1 << channel) == 0:
+            lost += state.adc.lost[channel]
+    return int(lost)
 
 
 @lean_kernel

@@ -96,7 +96,7 @@ class PotState:
     anchor_counts: Any  # int64[n] of the joint then
     verdict: int = 0
     suspect: int = 0  # joint that IMPLAUSIBLE speaks of
-    timeouts_before: int = 0  # conversions given up until the reading began
+    silences_before: int = 0  # their conversions given up until the reading began
     asked_at: int = 0  # tick of the newest cycle in which a request for power asked for them
 
 

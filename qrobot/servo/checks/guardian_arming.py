@@ -26,6 +26,7 @@ from qrobot.hwif.lanes import posted_so_far, taken_so_far
 from qrobot.hwif.registers import STATUS_POWER
 from qrobot.realtime.atomics import load_acquire, store_release
 from qrobot.realtime.jit import lean_kernel
+from qrobot.servo.memory.servo_memory import NOT_TAKEN, TAKEN
 from qrobot.servo.modes import wants_power
 from qrobot.servo.parameters import ServoParameters
 from qrobot.servo.state import (
@@ -35,8 +36,6 @@ from qrobot.servo.state import (
 SERVO_LANE: Final = int(Lane.SERVO)
 IMAGES_TO_SHOW: Final = 2  # the image being made while operations are taken may lack them; the one after it has them
 NONE: Final = -1
-
-NOT_TAKEN, TAKEN, TAKING = range(3)  # values of the guardian's `takeover`; TAKING: it has not made the board safe yet
 
 
 @lean_kernel

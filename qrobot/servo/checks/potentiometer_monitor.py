@@ -28,7 +28,7 @@ from qrobot.faultcodes import NO_JOINT
 from qrobot.hwif.registers import ADC_E_VOLT_PER_COUNT, ADC_F_VOLT_PER_COUNT
 from qrobot.modecodes import Mode
 from qrobot.realtime.jit import lean_kernel
-from qrobot.servo.calibration.potentiometers import MOST_SILENCES, TRACK_UNITS, has_table, pot_residue
+from qrobot.servo.calibration.potentiometers import TRACK_UNITS, are_silent, has_table, pot_residue
 from qrobot.servo.calibration.state import (
     IMPLAUSIBLE,
     PLAUSIBLE,
@@ -127,7 +127,7 @@ def hear_pots(params: ServoParameters, state: ServoState, channel: int) -> None:
         enough = enough and (pots.readings[j] >= HEARD or _is_a_sensor(params, j))
     if enough:
         pots.verdict = PLAUSIBLE
-    elif state.adc.timeouts - pots.timeouts_before >= MOST_SILENCES:
+    elif are_silent(params, state):
         pots.verdict, pots.suspect = SILENT, NO_JOINT
 
 

@@ -55,6 +55,7 @@ class AdcState:
     """State of the sampling from cycle to cycle."""
 
     done: Any  # int64[8] conversions of each channel so far
+    lost: Any  # int64[8] those that were given up
     channel: int = N_ADCS - 1  # being converted, or the one before
     busy: int = 0  # 1 while a conversion is under way
     answer_at: int = 0  # count of the first image that can answer
@@ -68,7 +69,7 @@ class AdcState:
 
 def make_adc_state() -> AdcState:
     """State before the first sample; the first conversion is that of the lowest channel wanted."""
-    return AdcState(np.zeros(N_ADCS, dtype=np.int64))
+    return AdcState(np.zeros(N_ADCS, dtype=np.int64), np.zeros(N_ADCS, dtype=np.int64))
 
 
 @lean_kernel
@@ -96,6 +97,7 @@ def collect_sample(adc: Any, sensors: Any, image: Any, taken_ns: int, revision: 
     if adc.waited > patience:
         sensors[channel] = math.nan
         adc.timeouts += 1
+        adc.lost[channel] += 1
         adc.busy = 0
     return -1
 

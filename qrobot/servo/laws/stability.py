@@ -80,7 +80,8 @@ def loop_of(robot: Robot, settings: ServoSettings) -> Loop:
     observer = find_estimator(settings.velocity) is Estimator.OBSERVER
     control, period_s = robot.control, max(settings.period_ns * 1e-9, settings.exchange_ms * 1e-3)
     hertz = control.velocity_observer_hz if observer else control.velocity_filter_hz
-    latest = LATEST_EXCHANGES if settings.exchange_ms > 0.0 else 0
+    in_one_cycle = (LATEST_EXCHANGES + 1) * settings.exchange_ms * 1e-3 <= settings.period_ns * 1e-9
+    latest = 0 if in_one_cycle else LATEST_EXCHANGES
     return Loop(period_s, CALCULATION_CYCLES, observer, 2.0 * np.pi * hertz, np.array(control.inertia), latest)
 
 

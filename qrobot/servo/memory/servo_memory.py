@@ -104,11 +104,14 @@ class HeartbeatBlock:
     slipped_ns: int = word()  # how far it lies behind CLOCK_MONOTONIC
 
 
+NOT_TAKEN, TAKEN, TAKING = range(3)  # values of the guardian's `takeover`; TAKING: it has not made the board safe yet
+
+
 class GuardianBlock:
     """The guardian's heartbeat and its takeover."""
 
     t_ns: int = word()  # its heartbeat
-    takeover: int = word()  # it takes (2), or has taken (1), the board; the servo writes nothing more
+    takeover: int = word()  # NOT_TAKEN, or the servo writes nothing more
     trips: int = word()  # how often it had to, since it started
 
 

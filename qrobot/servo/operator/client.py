@@ -59,11 +59,14 @@ def _nobody(arm: str) -> str:
 
 def _silence(arm: str) -> str:
     """Sentence about a servo that hangs, with what its guardian has done meanwhile."""
-    from qrobot.servo.memory.servo_memory import attach_servo_memory  # its layout rests on kernels: half a second
+    from qrobot.servo.memory.servo_memory import (
+        TAKEN,
+        attach_servo_memory,
+    )  # its layout rests on kernels: half a second
 
     told = f"the servo of {arm} does not answer"
     with suppress(LinkError), attach_servo_memory(arm) as memory:
-        if memory.front.guardian.takeover:
+        if memory.front.guardian.takeover == TAKEN:
             return f"{told}; its guardian has taken torque and power away"
     return f"{told}: press the emergency stop if the arm moves"
 

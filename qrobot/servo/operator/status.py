@@ -14,6 +14,7 @@ from qrobot.modecodes import Mode
 from qrobot.servo.laws.law import KP, KV, M0
 from qrobot.servo.memory.mailbox import ServoMailbox
 from qrobot.servo.memory.published_state import FLAG_CALIBRATED, FLAG_ESTOP_OK, FLAG_GUARDED, FLAG_POWERED
+from qrobot.servo.memory.servo_memory import TAKEN
 from qrobot.servo.modes import mode_name
 from qrobot.servo.operator.board_status import board_status
 from qrobot.servo.operator.controlled import Controlled
@@ -32,8 +33,8 @@ INPUTS: Final = range(1, 6)  # input 0 is the emergency stop's
 
 
 def guardian_acts(mailbox: ServoMailbox) -> bool:
-    """The guardian has taken torque and power away, and the servo writes nothing any more."""
-    return bool(mailbox.memory.guardian.takeover)
+    """The guardian has taken torque and power away, and the servo writes nothing until it is given the board back."""
+    return bool(mailbox.memory.guardian.takeover == TAKEN)
 
 
 def servo_status(servo: Controlled, commander: str) -> ServoStatus:

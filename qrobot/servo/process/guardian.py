@@ -34,9 +34,11 @@ from qrobot.realtime.jit import lean_kernel
 from qrobot.realtime.setup import HIGHEST_PRIORITY, SetupStep, freeze_garbage, lock_memory, set_fifo, tighten_timers
 from qrobot.realtime.shared_memory import HEADER_WORDS, SegmentT, SharedMemory
 from qrobot.report import Report
-from qrobot.servo.checks.guardian_arming import NOT_TAKEN, TAKEN, TAKING
 from qrobot.servo.memory.servo_memory import (
+    NOT_TAKEN,
     PLACE_LAYOUT,
+    TAKEN,
+    TAKING,
     ServoFront,
     attach_servo_memory,
     guardian_place,

@@ -101,6 +101,7 @@ def one_cycle(
     note_post(state.adc, newest_count(board), now_ns)
     if not posted:
         state.discrete_sent = -1  # the board takes nothing at present: to be said again
+        state.adc.busy = 0  # nor has it begun a conversion
     disarm_when_safe(state, mail, board, held, posted)
     append_telemetry(ring, state.row)
 

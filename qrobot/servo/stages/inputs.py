@@ -179,7 +179,7 @@ def adopt(params: ServoParameters, state: ServoState, words: Any) -> None:
     state.watch.unpowered_s = 0.0  # where the arm is parked has to be seen anew
     state.started = 1
     state.adc.busy = 0  # what was asked of the board before may be lost: no answer of this one is to it
-    forget_pots(state)
+    forget_pots(params, state)
 
 
 @lean_kernel

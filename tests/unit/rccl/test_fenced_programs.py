@@ -25,11 +25,11 @@ AHEAD_M = 0.12
 TURN = -1.0  # of joint 3, towards the plane
 
 
-def plane_ahead() -> FenceSet:
+def plane_ahead(ahead_m: float = AHEAD_M) -> FenceSet:
     """A plane across x, AHEAD_M before the flange at park, for the tool alone."""
     name, start, end, radius = FenceSet(ROBOT, [], self_collision=True).capsules_at(PARK)[-1]
     assert name == "flange"
-    place = (max(start[0], end[0]) + radius + AHEAD_M, 0.0, 0.0)
+    place = (max(start[0], end[0]) + radius + ahead_m, 0.0, 0.0)
     return FenceSet(
         ROBOT, [Fence(name="window", shape="plane", position_m=place, rpy_deg=(0.0, -90.0, 0.0), bodies="tool")]
     )
@@ -93,6 +93,19 @@ def test_an_arm_stops_before_a_fence_on_its_way_to_a_goal_that_may_change(
     arm.move(back)
     arm.waitfor(arm.completed)
     assert back.code == Termination.COMPLETED
+
+
+@pytest.mark.parametrize("ahead_m", [0.12, 0.127, 0.135])
+def test_a_straight_jog_goes_as_near_to_a_fence_as_it_may_whatever_its_pieces_are(ahead_m: float) -> None:
+    fences = plane_ahead(ahead_m)
+    with rccl.use(OfflineLink), use_fences(fences), rccl.control() as arm:
+        motion = HeldMotion(arm, lambda: "key")
+        with motion.watched():
+            arm.waitas(lambda: motion.held)
+            for _ in range(3):  # to press again leads no nearer
+                with pytest.raises(MotionError, match="fence 'window'"):
+                    motion.go_along("dx", 1.0, 1.0, in_base=True)
+                assert 0.0195 < fences.nearness(np.array(arm.how.q))[0].distance < 0.023
 
 
 @pytest.mark.parametrize("go", ["joint", "axis"])

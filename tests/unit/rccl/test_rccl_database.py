@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from qrobot import transform_file
 from qrobot.errors import ConfigError
+from qrobot.motion import TransformKind
 from qrobot.rccl import gentr_rpy, gentr_trsl, hold, newtrans, trsl
 from qrobot.rccl.database import DataBase
 from tests.support.patience import PATIENCE_S, give_time
@@ -55,6 +56,7 @@ def test_edits_by_hand_and_comments_survive_a_change(file) -> None:
     assert "# measured on Monday" in text
     assert base.names() == ["A", "C"]
     assert [*base.get("A").p] == pytest.approx([7, 8, 9])
+    assert base.get("A").kind is TransformKind.HOLD  # "varb" would be followed, whatever the override is
 
 
 def test_reading_into_a_transform_tells_whether_there_was_one(file) -> None:

@@ -148,6 +148,20 @@ def test_an_owner_begins_at_once_wherever_one_who_looks_is_kept_from_running(
     assert begun == [2]
 
 
+@pytest.mark.parametrize("layout", [1, 2])
+def test_an_owner_of_a_version_that_knew_another_lock_is_not_disturbed(name: str, layout: int) -> None:
+    kill(start_owner(name))
+    with segment_path(name).open("r+b") as old:
+        fcntl.flock(old, fcntl.LOCK_EX)
+        with pytest.raises(LinkBusy):
+            SharedMemory.create(name, layout, 64)
+        discard_dead(name)
+        assert segment_path(name).exists()
+        with SharedMemory.attach(name, 1) as peer:
+            assert peer.words[HEADER_WORDS] == 42
+    SharedMemory.create(name, layout, 64).close(unlink=True)
+
+
 def test_what_a_killed_owner_left_is_discarded_and_what_a_living_one_has_is_not(name: str) -> None:
     owner = start_owner(name)
     discard_dead(name)

@@ -11,9 +11,10 @@ import numpy as np
 import pytest
 
 from qrobot.faultcodes import FaultCode
-from qrobot.hwif.board_memory import PANEL_MICRO
+from qrobot.hwif.board_memory import LANE_CAPACITY, PANEL_MICRO
 from qrobot.hwif.registers import N_ADCS
 from qrobot.modecodes import Mode
+from qrobot.rig.lockstep import LockstepRig
 from qrobot.servo.operator.calibration_client import run_calibration
 from qrobot.servo.settings import ServoSettings
 from qrobot.servo.state import ADOPT_BOARD
@@ -63,6 +64,20 @@ def test_a_calibration_takes_no_pulse_twice_and_the_watch_after_it_none_of_its_l
     assert report.votes == [3] * PUMA.n
     rig.run_for(0.1)
     assert (Mode(rig.state.mode), rig.state.event) == (Mode.HOLDING, FaultCode.NONE)
+
+
+def test_a_conversion_that_no_board_was_told_of_is_not_waited_for() -> None:
+    """The lane is full, or the guardian has the board: what it shows is the answer to an earlier question."""
+    rig = LockstepRig(PUMA, ServoSettings(sensor_channels=(0, 1)), Emulator(PUMA, physics="rigid"))
+    rig.ticks(20)
+    refused = 0
+    for _ in range(4 * LANE_CAPACITY):
+        begun = rig.state.adc.begun
+        rig.compute()
+        if rig.state.adc.begun > begun and rig.state.discrete_sent == -1:
+            refused += 1
+            assert rig.state.adc.busy == 0
+    assert refused
 
 
 def test_a_board_that_is_found_again_answers_no_conversion_of_before() -> None:

@@ -42,7 +42,7 @@ from qrobot.servo.memory import mailbox as mailbox_module
 from qrobot.servo.memory.commander_lock import Authority
 from qrobot.servo.memory.law_history import JournalReader
 from qrobot.servo.memory.mailbox import ServoMailbox
-from qrobot.servo.memory.servo_memory import create_servo_memory, journal_base
+from qrobot.servo.memory.servo_memory import TAKING, create_servo_memory, journal_base
 from qrobot.servo.memory.stop_record import Incident, note_incident, read_incident
 from qrobot.servo.operator import client as client_module
 from qrobot.servo.operator import law_changes, loop_wait
@@ -692,6 +692,14 @@ def test_power_off_of_a_hung_servo_tells_that_the_guardian_has_cut_the_power() -
     assert reply.status is not None
     assert (reply.status.mode, reply.status.fault, reply.status.powered) == ("FAULT", FaultCode.GUARD_TRIP, False)
     assert "ctl clear" in reply.status.text  # its loop may come back
+
+
+def test_a_guardian_that_died_while_it_took_the_board_has_taken_nothing_yet() -> None:
+    """Where the servo hangs as well the motors may be driven still: nobody is told that they are not."""
+    process = Bench(ServoBench().hold())
+    process.bench.mail.guardian.takeover = TAKING
+    status = servo_status(process, "")
+    assert (status.mode, status.fault, status.powered) == ("HOLDING", FaultCode.NONE, True)
 
 
 def test_the_status_of_a_servo_that_hangs_says_how_old_its_numbers_are_and_what_to_do() -> None:

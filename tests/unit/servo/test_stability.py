@@ -176,6 +176,13 @@ def test_gains_that_shake_an_arm_whose_gateway_answers_in_the_second_exchange_ar
         check_gains(PUMA, replace(settings, exchange_ms=4.0))
 
 
+def test_exchanges_that_all_pass_within_a_cycle_answer_in_it() -> None:
+    settings = ServoSettings(rate_hz=250.0, velocity="observer", exchange_ms=0.5)
+    assert loop_of(PUMA, settings).latest == 0
+    check_gains(PUMA, settings)
+    assert loop_of(PUMA, replace(settings, exchange_ms=2.0)).latest == 2
+
+
 @pytest.mark.parametrize(
     ("robot", "velocity"),
     [(PUMA, "difference"), (PUMA, "observer"), (STANFORD, "difference")],
