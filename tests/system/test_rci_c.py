@@ -444,6 +444,27 @@ def test_it_ends_the_task_when_that_happens_too_often_or_has_moved_the_arm(
     assert "does not follow the setpoints: STREAM_LOST" in capfd.readouterr().err
 
 
+@pytest.mark.parametrize("before", [Mode.OFF, Mode.HOLDING])
+def test_no_stream_in_c_begins_again_where_somebody_has_taken_power_away_meanwhile(
+    turns: Path, capfd: pytest.CaptureFixture[str], before: Mode
+) -> None:
+    robot = FakeRobot(tuple(PARK))
+    robot.mode = before
+
+    def happens(_: int) -> None:
+        if robot.mode is Mode.STOPPING:
+            robot.lose_power_by_hand()
+        if robot.mode is Mode.TRACKING:
+            robot.meet(FaultCode.STREAM_LOST)
+
+    robot.before_period = happens
+    with rci.use(partial(VirtualLink, transfer=robot.transfer)):
+        assert run_executable(turns) == 7
+    assert robot.mode is Mode.OFF
+    assert len({command.stream for command in robot.commands if any(command.modes)}) == 1
+    assert "let go of the arm before it followed: STREAM_LOST" in capfd.readouterr().err
+
+
 @pytest.mark.parametrize("how", ["fails", "released"])
 def test_an_arm_that_its_task_in_c_has_left_holding_loses_power_when_that_is_asked_for(make: Make, how: str) -> None:
     program, robot = make(LEFT), FakeRobot(tuple(PARK))

@@ -89,11 +89,19 @@ void rci_cycle_hear(RCI_TASK *td)
     c->has_state = 1;
 }
 
+/* The servo carries the arm, or brings it to rest. */
+static int carries(const struct qrobot_state *s)
+{
+    return s->mode == QROBOT_MODE_HOLDING || s->mode == QROBOT_MODE_TRACKING || s->mode == QROBOT_MODE_STOPPING;
+}
+
 static int is_powered(struct cycle *c, const struct qrobot_state *s, const char **failed)
 {
     c->waited_s += c->period_s;
     if (c->waited_s > PATIENCE_S)
         *failed = gave_up(s, "the arm did not come to hold within 6 s");
+    else if (c->carried && !carries(s)) /* not asked for anew where somebody has taken power away */
+        *failed = gave_up(s, "the servo has let go of the arm before it followed");
     else if (s->mode == QROBOT_MODE_FAULT)
         *failed = gave_up(s, "the servo is in a fault");
     else if (s->mode == QROBOT_MODE_UNCALIBRATED)
@@ -109,6 +117,7 @@ static int is_powered(struct cycle *c, const struct qrobot_state *s, const char 
         c->event_before = s->event;
     } else if (s->event && c->waited_s - c->asked_s > (s->event == c->event_before ? SAME_AGAIN_S : REACTION_S))
         *failed = gave_up(s, "no arm power");
+    c->carried = c->carried || s->mode == QROBOT_MODE_HOLDING;
     return *failed == NULL && s->mode == QROBOT_MODE_HOLDING;
 }
 
