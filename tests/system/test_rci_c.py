@@ -465,6 +465,19 @@ def test_no_stream_in_c_begins_again_where_somebody_has_taken_power_away_meanwhi
     assert "let go of the arm before it followed: STREAM_LOST" in capfd.readouterr().err
 
 
+def test_a_stop_by_hand_is_told_as_one_in_c_too(turns: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    robot = FakeRobot(tuple(PARK))
+
+    def happens(_: int) -> None:
+        if len(robot.path) > 6:
+            robot.stop_by_hand()
+
+    robot.before_period = happens
+    with rci.use(partial(VirtualLink, transfer=robot.transfer)):
+        assert run_executable(turns) == 8
+    assert "the servo stopped the arm: no fault; somebody told it to, or took its power away" in capfd.readouterr().err
+
+
 @pytest.mark.parametrize("how", ["fails", "released"])
 def test_an_arm_that_its_task_in_c_has_left_holding_loses_power_when_that_is_asked_for(make: Make, how: str) -> None:
     program, robot = make(LEFT), FakeRobot(tuple(PARK))

@@ -13,6 +13,8 @@
 #define POWER_STOPPED 81
 #define ARRIVED 1e-6     /* rad or m */
 #define ROUNDING (1.0 + 1e-9)
+#define LET_GO "no fault; somebody took its power away"
+#define STOPPED_BY_HAND "no fault; somebody told it to, or took its power away"
 
 static __thread char why[TEXT_BYTES];
 
@@ -28,14 +30,21 @@ static const char *because(const char *format, ...)
     return why;
 }
 
-static const char *gave_up(const struct qrobot_state *s, const char *what)
+/* `without_fault` is the reason when the servo reported nothing, by default (NULL) its mode. */
+static const char *gave_up_or(const struct qrobot_state *s, const char *what, const char *without_fault)
 {
     int code = s->fault ? s->fault : s->event;
 
     if (code && code == s->event && s->event_joint >= 0)
         return because("%s: %s, on joint %d", what, qrobot_fault_text(code), s->event_joint + 1);
-    return code ? because("%s: %s", what, qrobot_fault_text(code))
-                : because("%s: the servo is in mode %d", what, s->mode);
+    if (code || without_fault != NULL)
+        return because("%s: %s", what, code ? qrobot_fault_text(code) : without_fault);
+    return because("%s: the servo is in mode %d", what, s->mode);
+}
+
+static const char *gave_up(const struct qrobot_state *s, const char *what)
+{
+    return gave_up_or(s, what, NULL);
 }
 
 void rci_cycle_begin(struct cycle *c, double period_s)
@@ -101,7 +110,7 @@ static int is_powered(struct cycle *c, const struct qrobot_state *s, const char 
     if (c->waited_s > PATIENCE_S)
         *failed = gave_up(s, "the arm did not come to hold within 6 s");
     else if (c->carried && !carries(s)) /* not asked for anew where somebody has taken power away */
-        *failed = gave_up(s, "the servo has let go of the arm before it followed");
+        *failed = gave_up_or(s, "the servo has let go of the arm before it followed", LET_GO);
     else if (s->mode == QROBOT_MODE_FAULT)
         *failed = gave_up(s, "the servo is in a fault");
     else if (s->mode == QROBOT_MODE_UNCALIBRATED)
@@ -189,7 +198,7 @@ const char *rci_cycle_step(RCI_TASK *td, int64_t now_ns)
         if (s->mode != QROBOT_MODE_TRACKING && td->inside->state != RCI_ACTIVE && lost_at_rest(c, s))
             c->phase = POWERING;
         else if (s->mode != QROBOT_MODE_TRACKING)
-            failed = gave_up(s, "the servo stopped the arm");
+            failed = gave_up_or(s, "the servo stopped the arm", STOPPED_BY_HAND);
         break;
     case STOPPING:
         power_down(c, s);
