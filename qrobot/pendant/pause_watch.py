@@ -26,28 +26,32 @@ class PauseWatch:
 
     def __init__(self, robot: Robot) -> None:
         self._grace_s = REACH_S + RAMP * float((robot.limits.v_max / robot.guard.a_stop).max())
-        self._asked_s: float | None = None
+        self._asked_s = math.inf
         self._heard_s = -math.inf
-        self._paused = False  # at the newest sample
+        self._paused = self._path_waited = False  # at the newest sample
+        self._begun = self._let_go_on = False  # heard of the pause since it was asked for
         self._stood: tuple[float, ...] | None = None  # setpoints that it is to stay with
         self._moved = False
 
     def ask(self, now_s: float) -> None:
         """A pause is asked for: from now on, but for a moment, the arm has to stand."""
         self._asked_s, self._stood, self._moved = now_s, None, False
+        self._begun = self._let_go_on = False
 
     def hear(self, state: State, now_s: float) -> None:
-        """A sample of the arm. Whoever ends the pause, once it is in force, is there to look at the arm."""
+        """A sample of the arm. Whoever ends the pause is there to look at the arm."""
         paused = state.robot.paused
-        if self._asked_s is not None and self._due(now_s):
-            if self._paused and not paused:
-                self._asked_s = None
+        if self._paused and not paused:
+            self._let_go_on |= self._is_a_word(state, now_s)
+        elif paused and not self._paused and not self._due(now_s):
+            self._begun, self._let_go_on = True, False
+        if self._due(now_s):
             self._compare(state)
-        self._heard_s, self._paused = now_s, paused
+        self._heard_s, self._paused, self._path_waited = now_s, paused, state.path_waits
 
     def complaint(self, now_s: float) -> str:
         """Reason why the arm is not held, "" while it is, or need not be yet."""
-        if self._asked_s is None or not self._due(now_s):
+        if not self._due(now_s) or self._let_go_on:
             return ""
         reasons = (
             (now_s - self._heard_s > REACH_S, "nothing is heard of it"),
@@ -57,7 +61,16 @@ class PauseWatch:
         return next((why for wrong, why in reasons if wrong), "")
 
     def _due(self, now_s: float) -> bool:
-        return self._asked_s is not None and now_s >= self._asked_s + self._grace_s
+        return now_s >= self._asked_s + self._grace_s
+
+    def _is_a_word(self, state: State, now_s: float) -> bool:
+        """Whether somebody has ended, at this sample, the pause that was asked for.
+
+        A word to go on that was under way then may still end a pause from before. A servo that has started anew has no
+        pause either, and no power; a path that waited before still waits for a word behind it.
+        """
+        begun = self._begun or now_s >= self._asked_s + REACH_S
+        return begun and (state.robot.powered or self._path_waited)
 
     def _compare(self, state: State) -> None:
         """An arm that nobody commands, or without power, is moved by no program."""

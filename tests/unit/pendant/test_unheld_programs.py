@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from qrobot.pendant.pause_watch import REACH_S
 from qrobot.wire import RobotFlag, RobotState, State
 from tests.unit.pendant.test_floor import READY, START, Floor
 
@@ -47,6 +48,7 @@ class ProgramFloor(Floor):
         super().__init__(folder, arms)
         self.motions: list[Motion] = [stands] * arms
         self.paused, self.heard = [True] * arms, [True] * arms
+        self.powered, self.path_waits = True, False  # of the first arm
         programs = self.station.programs
         monkeypatch.setattr(type(programs), "live", property(lambda each: self.runs and each is programs))
         monkeypatch.setattr(programs, "start", lambda *_: None)
@@ -68,8 +70,9 @@ class ProgramFloor(Floor):
         q = np.array(READY["q"])
         q[0] += self.motions[arm](self.now_s)
         flags = UNPAUSED | (RobotFlag.PAUSED if self.paused[arm] else 0)
+        flags &= ~(0 if self.powered or arm else RobotFlag.POWERED)
         told = RobotState(**READY | {"q_setpoint": tuple(q), "flags": int(flags)})  # type: ignore[arg-type]
-        self.arms[arm].watch._tell(State(1, told, commanded=commanded))
+        self.arms[arm].watch._tell(State(1, told, commanded=commanded, path_waits=self.path_waits and not arm))
 
     def pass_time(self, seconds: float) -> list[object]:
         """What is asked for meanwhile."""
@@ -124,6 +127,52 @@ def test_a_program_that_stands_in_its_pause_is_left_alone_and_so_is_one_that_som
     assert floor.pass_time(LONG_S) == []
     floor.paused[0] = True
     assert floor.pass_time(LONG_S) == []
+
+
+def test_a_servo_that_starts_anew_without_the_pause_is_nobody_s_word(floor: ProgramFloor) -> None:
+    floor.leave_arms()
+    assert floor.pass_time(0.5 * LONG_S) == []
+    floor.paused[0] = floor.powered = False
+    floor.hear(0)
+    floor.powered, floor.motions[0] = True, moves  # the program has taken its arm again
+    assert floor.pass_time(LONG_S)[:2] == ENDED
+
+
+def test_whoever_confirms_the_way_back_to_a_path_that_waits_is_heeded_though_the_arm_has_no_power_yet(
+    floor: ProgramFloor,
+) -> None:
+    floor.leave_arms()
+    assert floor.pass_time(0.5 * LONG_S) == []
+    floor.powered, floor.path_waits = False, True
+    floor.hear(0)
+    floor.paused[0] = floor.path_waits = False
+    floor.hear(0)
+    floor.powered, floor.motions[0] = True, moves
+    assert floor.pass_time(LONG_S) == []
+
+
+@pytest.mark.parametrize("paused_before", [False, True])
+def test_somebody_may_let_a_program_go_on_before_it_has_to_stand(floor: ProgramFloor, paused_before: bool) -> None:
+    floor.paused[0] = paused_before
+    floor.hear(0)
+    floor.leave_arms()
+    floor.pass_time(0.5)
+    floor.paused[0] = True
+    assert floor.pass_time(REACH_S) == []
+    floor.paused[0], floor.motions[0] = False, moves
+    assert floor.pass_time(LONG_S) == []
+
+
+@pytest.mark.parametrize("paused_again", [False, True])
+def test_a_word_to_go_on_from_before_the_page_went_ends_no_pause_that_is_asked_for_behind_it(
+    floor: ProgramFloor, paused_again: bool
+) -> None:
+    floor.hear(0)
+    floor.leave_arms()
+    floor.paused[0] = False
+    floor.pass_time(STEP_S)
+    floor.paused[0], floor.motions[0] = paused_again, moves
+    assert floor.pass_time(LONG_S)[:2] == ENDED
 
 
 def test_an_arm_that_comes_to_rest_in_its_pause_is_given_time_for_it(floor: ProgramFloor) -> None:
