@@ -39,7 +39,7 @@ STANDSTILL_RAD_S: Final = 0.05  # faster than this the arm is not at rest: no po
 SHORTEST_STOP_S: Final = 0.02
 ADC_PATIENCE_NS: Final = 20_000_000  # a conversion takes microseconds, its way through a slow bus milliseconds
 ADC_PATIENCE_CYCLES: Final = 8
-# Exchanges with a board behind a gateway [A]: two or three until an image can answer, and as many for those that are late.
+# Exchanges with a board behind a gateway [A]: two or three until an image can answer; twice that for a late one
 EXCHANGES_TO_ANSWER: Final = 6
 # Calibration [A]: slow enough for hundreds of potentiometer readings a turn, 0.15 to 0.3 rad/s on a PUMA 560.
 CREEP_TURNS_S: Final = 2.5  # motor turns a second
