@@ -299,6 +299,22 @@ class RunningArm:
                 blocks.append(block)
             return np.concatenate(blocks)
 
+    def told_of_the_stop(self) -> str:
+        """The latest cycles, and the setpoints missed, of the second before the arm was last stopped on its way."""
+        rows = self.telemetry()
+        on_its_way = np.flatnonzero(rows["mode"] == Mode.TRACKING)
+        if not on_its_way.size:
+            return "it was not on its way"
+        rows = rows[: on_its_way[-1] + 1][-1000:]
+        gaps, ends = np.diff(rows["t_ns"]) * 1e-6, rows["t_ns"][-1]
+        told = [f"{-(ends - rows['t_ns'][k]) * 1e-6:.0f} ms: {gaps[k]:.0f} ms" for k in np.flatnonzero(gaps > 4.0)]
+        missed = int((rows["flags"] >> 16).max())
+        behind = np.abs(rows["q_ref"] - rows["q"])[-50::10].max(axis=1)
+        return (
+            f"late by {rows['late_ns'].max() * 1e-6:.1f} ms at most, longer cycles {told}, {missed} setpoints missed "
+            f"in a row, behind by {np.round(behind, 4).tolist()} rad every 10 ms before"
+        )
+
     @contextmanager
     def _telemetry_reader(self, from_oldest: bool) -> Iterator[TelemetryReader]:
         with attach_servo_memory(self.name) as segment:

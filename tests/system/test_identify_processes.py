@@ -31,7 +31,7 @@ def record_last_swing(arm: RunningArm, log: Path) -> tuple[int, Path]:
     command = qrobot("identify", "record", arm.deployment, *options)
     _, complaints = command.communicate(timeout=RECORDING_S)
     if "the servo stopped the arm" in complaints:
-        raise StreamLostError(complaints)
+        raise StreamLostError(f"{complaints}; {arm.told_of_the_stop()}")
     assert command.returncode == 0, complaints
     return begin_ns, log
 
