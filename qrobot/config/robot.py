@@ -244,6 +244,8 @@ class Guard(Section):
     `v_max` is how much faster than its reference a joint so pushed may be. `brake_slip` is how far a braked joint may
     move without power (rad, m); `saturation_s` how long a torque may stay at its limit. `unknown_load` is what a load
     in the hand and wrong weights may put on a joint at rest (N·m, N); left out it is 15 % of `tau_max`.
+
+    Numbers that would let everything pass, perhaps in another unit, are refused.
     """
 
     tau_max: PerJointPositive

@@ -14,8 +14,6 @@ from typing import Any, Final
 
 MOST_STRANGERS: Final = 64  # [A] far below the files that a process may open, more than a browser connects at once
 PATIENCE_S: Final = 5.0  # [A] as long as uvicorn waits for the next request of a connection
-BURST: Final = 4  # [A] accepted in a row: what these have asked is read before it is their turn to go
-BACKLOG: Final = 128  # connections that wait in the kernel meanwhile
 
 FarEnd = tuple[str, int]
 

@@ -19,7 +19,7 @@ from uvicorn.protocols.http.auto import AutoHTTPProtocol
 from qrobot.errors import LinkBusy
 from qrobot.pendant.answering_process import LOGS, SCOPE, AnsweringProcess
 from qrobot.pendant.arm_station import close_all
-from qrobot.pendant.door import BACKLOG, BURST, Door
+from qrobot.pendant.door import Door
 from qrobot.pendant.floor import DriveFloor
 from qrobot.pendant.gate import TOKEN_PARAMETER, AsgiApp, Gate
 from qrobot.pendant.live_socket import serve_page
@@ -28,6 +28,7 @@ from qrobot.pendant.log_shelf import LogShelf
 from qrobot.pendant.pages import add_pages
 from qrobot.pendant.queries import add_queries
 from qrobot.pendant.scope_queries import add_scope_queries
+from qrobot.realtime.acceptor import BACKLOG, BURST
 
 LOOPBACK: Final = "127.0.0.1"  # nothing is encrypted: from elsewhere through a tunnel
 TOKEN_BYTES: Final = 24
@@ -106,7 +107,7 @@ def _watched_by(door: Door) -> type[asyncio.Protocol]:
     """Connections as uvicorn serves them, of which a door is told."""
     base: Any = AutoHTTPProtocol
 
-    class Connection(base):  # type: ignore[misc]
+    class WatchedConnection(base):  # type: ignore[misc]
         def connection_made(self, transport: asyncio.Transport) -> None:
             super().connection_made(transport)
             door.come(transport)
@@ -115,7 +116,7 @@ def _watched_by(door: Door) -> type[asyncio.Protocol]:
             door.go(self.transport)
             super().connection_lost(error)
 
-    return Connection
+    return WatchedConnection
 
 
 class PendantServer(uvicorn.Server):

@@ -31,7 +31,7 @@ AHEAD: Final = 2  # pieces that wait
 MARGIN: Final = 0.01  # [A] rad or m that a joint stays away from its ends,
 MARGIN_SHARE: Final = 0.1  # [A] but no more than this share of its range
 WITHIN: Final = 0.95  # [A] of the speed allowed, for the rounding of a plan to sample periods
-SHORTEST_PIECE: Final = 1.0  # [A] mm or degrees, before a fence: at each piece its margin may be off by a tenth of that
+LAST_PIECE: Final = 2.0  # [A] mm or degrees: one as short as this is not made shorter before a fence
 BRAKE_MS: Final = 500.0  # [A] from the release to rest
 
 HeldT = TypeVar("HeldT")
@@ -179,7 +179,7 @@ class HeldMotion(Generic[HeldT]):
                 straight.shorten(error)
                 continue
             except FenceCrossed as error:
-                if straight.piece < 2.0 * SHORTEST_PIECE:
+                if straight.piece < LAST_PIECE:
                     raise
                 straight.shorten(error)
                 continue

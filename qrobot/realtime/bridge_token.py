@@ -19,6 +19,7 @@ from typing import Final
 
 from qrobot.errors import LinkBusy, LinkError
 from qrobot.realtime.deadline import Deadline, comes_true
+from qrobot.realtime.file_lock import lock_alone
 from qrobot.realtime.loopback import is_loopback
 from qrobot.realtime.runtime_folder import RuntimeFolder, look_into_folder, open_served, serve_in_folder, tidy_folder
 
@@ -130,7 +131,7 @@ def _alone(folder: RuntimeFolder) -> Iterator[None]:
 
     Whoever may read the folder can lock it, and a process that was stopped keeps its lock. Raises LinkBusy.
     """
-    if not comes_true(lambda: _lock_at_once(folder.fd), Deadline(PATIENCE_S), _PAUSE_S):
+    if not comes_true(lambda: lock_alone(folder.fd), Deadline(PATIENCE_S), _PAUSE_S):
         raise LinkBusy(
             f"{_holder(folder.fd)} keeps the runtime folder {folder.path} locked, which bridges do for a moment when "
             "they start and end: has it been stopped, or does it hang? Let it go on, or end it"
@@ -139,14 +140,6 @@ def _alone(folder: RuntimeFolder) -> Iterator[None]:
         yield
     finally:
         fcntl.flock(folder.fd, fcntl.LOCK_UN)
-
-
-def _lock_at_once(fd: int) -> bool:
-    try:
-        fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        return False
-    return True
 
 
 def _holder(fd: int) -> str:

@@ -6,7 +6,7 @@ import fcntl
 from typing import IO, Any
 
 
-def lock_alone(file: IO[Any]) -> bool:
+def lock_alone(file: IO[Any] | int) -> bool:
     """Lock a file as long as it is open; False when another one has it. True where its file system knows no locks."""
     try:
         fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)

@@ -27,6 +27,7 @@ import numpy as np
 from qrobot.arrays import Words
 from qrobot.errors import ConfigError, LinkBusy, LinkError, LinkMismatch
 from qrobot.realtime.deadline import sleep_between_looks
+from qrobot.realtime.file_lock import lock_alone
 from qrobot.realtime.runtime_folder import look_into_folder, open_served, runtime_path, tidy_folder
 from qrobot.realtime.structure import WORD_BYTES, dtype_of, record_in, word
 
@@ -222,12 +223,10 @@ def own(fd: int, tries: int = 1) -> bool:
 def _maybe_own(fd: int) -> bool:
     if not _maybe_lock(fd, _OWNER):
         return False
-    try:
-        fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        _unlock(fd, _OWNER)
-        return False
-    return True
+    if lock_alone(fd):
+        return True
+    _unlock(fd, _OWNER)
+    return False
 
 
 def is_owned(fd: int) -> bool:

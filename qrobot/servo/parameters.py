@@ -39,8 +39,7 @@ STANDSTILL_RAD_S: Final = 0.05  # faster than this the arm is not at rest: no po
 SHORTEST_STOP_S: Final = 0.02
 ADC_PATIENCE_NS: Final = 20_000_000  # a conversion takes microseconds, its way through a slow bus milliseconds
 ADC_PATIENCE_CYCLES: Final = 8
-# Exchanges with a board behind a gateway [A]: two or three until an image can answer; twice that for a late one
-EXCHANGES_TO_ANSWER: Final = 6
+EXCHANGES_TO_ANSWER: Final = 6  # with a board behind a gateway [A]: an image can answer after three, or be late
 # Calibration [A]: slow enough for hundreds of potentiometer readings a turn, 0.15 to 0.3 rad/s on a PUMA 560.
 CREEP_TURNS_S: Final = 2.5  # motor turns a second
 CREEP_SHARE: Final = 0.25  # of the joint's greatest speed, at most

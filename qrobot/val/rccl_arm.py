@@ -8,7 +8,8 @@ import numpy as np
 
 from qrobot.arrays import Floats
 from qrobot.motion import Termination
-from qrobot.rccl import EQ, TL, Channel, Position, Transform, makeposition, newtrans, t6
+from qrobot.rccl import EQ, TL, Channel, Position, const, makeposition, t6
+from qrobot.rccl.transforms import made_transform
 from qrobot.units import DEG_PER_RAD, S_PER_MS
 from qrobot.val.arm import TURN_PER_MM, Destination
 from qrobot.val.library_arm import LibraryArm, MotionUnderWay
@@ -142,7 +143,8 @@ class RcclArm(LibraryArm[Position]):
             return self._channel.jposition(destination.name, (destination.q / self._radians).tolist())
         if destination.T_robot_tool is None:
             raise ValueError(f"{destination.name} has neither joints nor a pose")
-        goal, tool = _constant(destination.name, destination.T_robot_tool), _constant("TOOL", destination.T_last_tool)
+        goal = made_transform(destination.name, const, destination.T_robot_tool)
+        tool = made_transform("TOOL", const, destination.T_last_tool)
         return makeposition(destination.name, t6, tool, EQ, goal, TL, tool)
 
     def _moves(self) -> bool:
@@ -161,9 +163,3 @@ class RcclArm(LibraryArm[Position]):
                 if reason := each.motion.why or _WORDS.get(Termination(each.motion.code)):
                     self._failure = self._failure or f"the motion to {each.destination.name} ended: {reason}"
         self._going = going
-
-
-def _constant(name: str, value: Floats) -> Transform:
-    made = newtrans(name, "const")
-    made.set(value)
-    return made

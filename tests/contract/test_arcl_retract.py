@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from random import Random
 
 import numpy as np
@@ -15,7 +15,7 @@ from qrobot.errors import MotionError, ServoFault
 from qrobot.faultcodes import FaultCode
 from qrobot.rci import VirtualLink, thread_driver
 from qrobot.wire import Mode
-from tests.support.fake_robot import FakeRobot, PassingBridge
+from tests.support.fake_robot import INTERVENTIONS, FakeRobot, PassingBridge
 from tests.support.kept_path import check_way_back
 from tests.support.puma import PARK
 from tests.support.puma import arm as puma
@@ -144,15 +144,8 @@ def test_what_comes_between_on_the_way_back_ends_it(fake: FakeRobot, how: str, k
     assert motion.code is EVENT_DONE
 
 
-BETWEEN: dict[str, Callable[[FakeRobot], object]] = {
-    "a fault": lambda fake: fake.break_down(FaultCode.RUNAWAY),
-    "power off": FakeRobot.lose_power_by_hand,
-    "a stop": FakeRobot.stop_by_hand,
-}
-
-
 @pytest.mark.parametrize("later", range(5))
-@pytest.mark.parametrize("what", BETWEEN)
+@pytest.mark.parametrize("what", INTERVENTIONS)
 def test_an_arm_that_somebody_stops_or_a_fault_before_it_goes_back_stays_so(
     fake: FakeRobot, what: str, later: int
 ) -> None:
@@ -160,17 +153,8 @@ def test_an_arm_that_somebody_stops_or_a_fault_before_it_goes_back_stays_so(
     arcl_retract(rp, LENGTH_MM)
     go(rp)
     rp.wait(lambda: rp.treal > 700.0)
-    met, at, before = fake.seq + 1, len(fake.commands), len(fake.path)
-
-    def happens(seq: int) -> None:
-        if seq == met:
-            fake.meet()
-        if seq == met + 3:
-            fake.rest()
-        if seq == met + later:
-            BETWEEN[what](fake)
-
-    fake.before_period = happens
+    at, before = len(fake.commands), len(fake.path)
+    fake.script((0, FakeRobot.meet), (3, FakeRobot.rest), (later, INTERVENTIONS[what]))
     assert told(rp) == (FaultCode.RUNAWAY if what == "a fault" else FaultCode.COLLISION)
     assert not any(command.clear_fault for command in fake.commands[at:])
     assert fake.mode is {"a fault": Mode.FAULT, "power off": Mode.OFF}.get(what, fake.mode)

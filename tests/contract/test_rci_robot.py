@@ -306,18 +306,11 @@ def test_it_ends_the_task_when_that_happens_too_often_or_has_moved_the_arm(robot
 
 def test_no_stream_begins_again_where_somebody_has_taken_power_away_meanwhile(robot: FakeRobot) -> None:
     robot.mode = Mode.HOLDING
-
-    def happens(_: int) -> None:
-        if robot.mode is Mode.STOPPING:
-            robot.lose_power_by_hand()
-        if robot.mode is Mode.TRACKING:
-            robot.meet(FaultCode.STREAM_LOST)
-
-    robot.before_period = happens
+    robot.lose_stream_and_power()
     with pytest.raises(ServoFault, match="let go of the arm before it followed"):
         rci.rci_start(task(turn(0, 0.001)).bit)
     assert robot.mode is Mode.OFF
-    assert len({command.stream for command in robot.commands if any(command.modes)}) == 1
+    assert len(robot.streams) == 1
 
 
 def test_a_task_that_waits_for_others_outlives_the_loss_of_its_stream() -> None:

@@ -116,6 +116,34 @@ class FakeRobot:
         self.mode, self._dead_stream = Mode.OFF, self._stream
         self._halt_told = HALT_TOLD_PERIODS
 
+    def script(self, *acts: tuple[int, Callable[[FakeRobot], object]]) -> int:
+        """Let things happen so many periods after the next one, in this order; the number of the next one."""
+        first = self.seq + 1
+
+        def happens(seq: int) -> None:
+            for after, act in acts:
+                if seq == first + after:
+                    act(self)
+
+        self.before_period = happens
+        return first
+
+    def lose_stream_and_power(self) -> None:
+        """Refuse to follow whatever streams begin, and be told to go without power while the arm comes to rest."""
+
+        def happens(_: int) -> None:
+            if self.mode is Mode.STOPPING:
+                self.lose_power_by_hand()
+            if self.mode is Mode.TRACKING:
+                self.meet(FaultCode.STREAM_LOST)
+
+        self.before_period = happens
+
+    @property
+    def streams(self) -> set[int]:
+        """Numbers of the streams whose setpoints have come."""
+        return {command.stream for command in self.commands if any(command.modes)}
+
     def start_anew(self) -> None:
         """Be another servo from the next period on, without power and without a pause; the client is told of it."""
         self.mode, self.fault, self.event, self.paused = Mode.OFF, 0, 0, False
@@ -241,6 +269,14 @@ class FakeRobot:
             override=self.override,
             payload_mass=self.payload_mass,
         )
+
+
+INTERVENTIONS: dict[str, Callable[[FakeRobot], object]] = {
+    "a fault": lambda fake: fake.break_down(FaultCode.RUNAWAY),
+    "power off": FakeRobot.lose_power_by_hand,
+    "a stop": FakeRobot.stop_by_hand,
+}
+"""What may come between a collision and the way back, and leaves the arm where it is."""
 
 
 class SocketRobot:

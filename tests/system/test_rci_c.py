@@ -450,18 +450,11 @@ def test_no_stream_in_c_begins_again_where_somebody_has_taken_power_away_meanwhi
 ) -> None:
     robot = FakeRobot(tuple(PARK))
     robot.mode = before
-
-    def happens(_: int) -> None:
-        if robot.mode is Mode.STOPPING:
-            robot.lose_power_by_hand()
-        if robot.mode is Mode.TRACKING:
-            robot.meet(FaultCode.STREAM_LOST)
-
-    robot.before_period = happens
+    robot.lose_stream_and_power()
     with rci.use(partial(VirtualLink, transfer=robot.transfer)):
         assert run_executable(turns) == 7
     assert robot.mode is Mode.OFF
-    assert len({command.stream for command in robot.commands if any(command.modes)}) == 1
+    assert len(robot.streams) == 1
     assert "let go of the arm before it followed: STREAM_LOST" in capfd.readouterr().err
 
 

@@ -59,10 +59,8 @@ def _nobody(arm: str) -> str:
 
 def _silence(arm: str) -> str:
     """Sentence about a servo that hangs, with what its guardian has done meanwhile."""
-    from qrobot.servo.memory.servo_memory import (
-        TAKEN,
-        attach_servo_memory,
-    )  # its layout rests on kernels: half a second
+    # here, for its layout rests on kernels: half a second
+    from qrobot.servo.memory.servo_memory import TAKEN, attach_servo_memory
 
     told = f"the servo of {arm} does not answer"
     with suppress(LinkError), attach_servo_memory(arm) as memory:

@@ -140,7 +140,7 @@ class Controls:
 
     @property
     def _guardian_acts(self) -> bool:
-        """The guardian has taken torque and power away, and the servo writes nothing any more."""
+        """See `status.guardian_acts`."""
         return guardian_acts(self._servo.mailbox)
 
     def farewell(self, visitor: OperatorConnection) -> None:

@@ -8,7 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from qrobot.pendant.pause_watch import REACH_S
+from qrobot.config import load_robot
+from qrobot.motion import motion_limits
+from qrobot.motion.trajectory.speed_override import SpeedOverride
+from qrobot.pendant.pause_watch import RAMP, REACH_S
 from qrobot.wire import RobotFlag, RobotState, State
 from tests.unit.pendant.test_floor import READY, START, Floor
 
@@ -39,6 +42,16 @@ def swings(now_s: float) -> float:
 
 def wakes_up(now_s: float) -> float:
     return 0.1 * max(0.0, now_s - 0.5 * LONG_S)
+
+
+def test_the_longest_way_into_a_pause_is_over_before_the_arm_has_to_stand() -> None:
+    robot = load_robot("puma560")
+    limits, period_s = motion_limits(robot), 0.001
+    override, samples = SpeedOverride(limits, period_s), 0
+    while override.rate > 0.0:
+        override.advance(1, 0.0)
+        samples += 1
+    assert samples * period_s == pytest.approx(RAMP * float((limits.v_max / limits.a_stop).max()), abs=0.01)
 
 
 class ProgramFloor(Floor):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from random import Random
 
 import numpy as np
@@ -13,7 +13,7 @@ from qrobot.errors import LinkLost, MotionError, ServoFault
 from qrobot.faultcodes import FaultCode
 from qrobot.rci import VirtualLink
 from qrobot.wire import Mode
-from tests.support.fake_robot import FakeRobot
+from tests.support.fake_robot import INTERVENTIONS, FakeRobot
 from tests.support.kept_path import check_way_back
 from tests.support.puma import PARK
 from tests.support.puma import arm as puma
@@ -187,16 +187,9 @@ def test_a_stop_on_the_way_back_gives_a_kept_path_up(fake: FakeRobot) -> None:
         assert told(arm).code == FaultCode.COLLISION
 
 
-BETWEEN: dict[str, Callable[[FakeRobot], object]] = {
-    "a fault": lambda fake: fake.break_down(FaultCode.RUNAWAY),
-    "power off": FakeRobot.lose_power_by_hand,
-    "a stop": FakeRobot.stop_by_hand,
-}
-
-
 @pytest.mark.parametrize("keeps", [False, True])
 @pytest.mark.parametrize("later", range(5))
-@pytest.mark.parametrize("what", BETWEEN)
+@pytest.mark.parametrize("what", INTERVENTIONS)
 def test_an_arm_that_somebody_stops_or_a_fault_before_it_goes_back_stays_so(
     fake: FakeRobot, what: str, later: int, keeps: bool
 ) -> None:
@@ -207,17 +200,8 @@ def test_an_arm_that_somebody_stops_or_a_fault_before_it_goes_back_stays_so(
         arm.retract(50)
         go(arm)
         arm.waitas(lambda: arm.time > 700)
-        met, at, before = fake.seq + 1, len(fake.commands), len(fake.path)
-
-        def happens(seq: int) -> None:
-            if seq == met:
-                fake.meet()
-            if seq == met + 3:
-                fake.rest()
-            if seq == met + later:
-                BETWEEN[what](fake)
-
-        fake.before_period = happens
+        at, before = len(fake.commands), len(fake.path)
+        met = fake.script((0, FakeRobot.meet), (3, FakeRobot.rest), (later, INTERVENTIONS[what]))
         if keeps:
             arm.waitas(lambda: arm.kept and fake.seq > met + 50)
             arm.stop()
@@ -259,14 +243,14 @@ def test_a_push_from_before_the_motion_is_no_reason_to_go_back_after_a_stop(fake
         fake.event = FaultCode.COLLISION
         go(arm)
         arm.waitas(lambda: arm.time > 700)
-        BETWEEN[what](fake)
+        INTERVENTIONS[what](fake)
         before = len(fake.path)
         told(arm)
     assert len(fake.path) == before
 
 
 @pytest.mark.parametrize("later", range(1, 9))
-@pytest.mark.parametrize("what", BETWEEN)
+@pytest.mark.parametrize("what", INTERVENTIONS)
 def test_what_comes_between_the_word_to_go_on_and_the_way_to_the_path_waits_for_another_word(
     fake: FakeRobot, what: str, later: int
 ) -> None:
@@ -275,19 +259,10 @@ def test_what_comes_between_the_word_to_go_on_and_the_way_to_the_path_waits_for_
         arm.keep_path()
         go(arm)
         arm.waitas(lambda: arm.time > 700)
-        met, at, before = fake.seq + 1, len(fake.commands), len(fake.path)
-
-        def happens(seq: int) -> None:
-            if seq == met:
-                fake.meet()
-            if seq == met + 3:
-                arm.resume()
-            if seq == met + 10:
-                fake.rest()
-            if seq == met + 3 + later:
-                BETWEEN[what](fake)
-
-        fake.before_period = happens
+        at, before = len(fake.commands), len(fake.path)
+        met = fake.script(
+            (0, FakeRobot.meet), (3, lambda _: arm.resume()), (10, FakeRobot.rest), (3 + later, INTERVENTIONS[what])
+        )
         arm.waitas(lambda: fake.seq > met + 60)
         assert arm.kept
         assert not any(command.clear_fault for command in fake.commands[at:])

@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import fcntl
 import os
-import socket
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
@@ -26,7 +25,6 @@ from qrobot.realtime.bridge_token import (
     token_for,
     token_name,
 )
-from qrobot.realtime.loopback import is_loopback, maybe_peer_account
 from tests.support.accounts import OTHER, as_other_account, needs_root
 from tests.support.bridge import Bridge
 from tests.support.fake_port import FakePort
@@ -108,7 +106,7 @@ def test_a_folder_that_somebody_keeps_locked_keeps_no_bridge_waiting(
 def test_a_bridge_waits_while_another_one_starts(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The other one is ready at our second look."""
     locked, looks = os.open(folder, os.O_RDONLY), []
-    lock_at_once = bridge_token._lock_at_once
+    lock_at_once = bridge_token.lock_alone
 
     def look(fd: int) -> bool:
         found = lock_at_once(fd)
@@ -117,7 +115,7 @@ def test_a_bridge_waits_while_another_one_starts(folder: Path, monkeypatch: pyte
         return found
 
     monkeypatch.setattr(bridge_token, "PATIENCE_S", PATIENCE_S)
-    monkeypatch.setattr(bridge_token, "_lock_at_once", look)
+    monkeypatch.setattr(bridge_token, "lock_alone", look)
     fcntl.flock(locked, fcntl.LOCK_EX)
     with offered_token(PORT) as token:
         assert token_for("127.0.0.1", PORT) == token
@@ -220,65 +218,3 @@ def test_a_shared_folder_lets_its_group_read_the_token(folder: Path, monkeypatch
     folder.chmod(0o750)
     with offered_token(PORT) as token:
         assert as_other_account(lambda: token_for("127.0.0.1", PORT).decode()) == token.decode()
-
-
-@pytest.mark.parametrize(
-    ("host", "inside"),
-    [
-        ("127.0.0.1", True),
-        ("127.9.8.7", True),
-        ("::1", True),
-        ("::ffff:127.0.0.1", True),
-        ("10.0.0.1", False),
-        ("::", False),
-        ("robot", False),
-        ("", False),
-    ],
-)
-def test_which_addresses_are_of_the_loopback_interface(host: str, inside: bool) -> None:
-    assert is_loopback(host) == inside
-
-
-@pytest.mark.parametrize(("family", "host"), [(socket.AF_INET, "127.0.0.1"), (socket.AF_INET6, "::1")])
-def test_the_account_at_the_far_end_of_a_connection_is_known(family: socket.AddressFamily, host: str) -> None:
-    try:
-        server = socket.create_server((host, 0), family=family)
-    except OSError:
-        assert family == socket.AF_INET6  # a machine without IPv6
-        return
-    with server, socket.socket(family) as client:
-        client.connect(server.getsockname()[:2])
-        connection, _ = server.accept()
-        with connection:
-            assert maybe_peer_account(connection) == os.geteuid()
-    with socket.socket() as unconnected:
-        assert maybe_peer_account(unconnected) is None
-
-
-@needs_root
-def test_a_peer_of_another_account_is_known_by_it() -> None:
-    with socket.create_server(("127.0.0.1", 0)) as server:
-        address = server.getsockname()
-
-        def visit() -> int | None:
-            with socket.create_connection(address) as ours:
-                connection, _ = server.accept()
-                with connection:
-                    return maybe_peer_account(connection) if ours else None
-
-        assert as_other_account(visit) == str(OTHER)
-
-
-@needs_root
-def test_a_peer_that_has_hung_up_before_anybody_looked_is_of_no_account() -> None:
-    """Its socket belongs to nobody any more, and the kernel writes account 0 there."""
-    with socket.create_server(("127.0.0.1", 0)) as server:
-
-        def visit() -> None:
-            with socket.create_connection(server.getsockname()) as ours:
-                ours.sendall(b"power on")
-
-        assert as_other_account(visit) == "None"
-        connection, _ = server.accept()
-        with connection:
-            assert maybe_peer_account(connection) is None

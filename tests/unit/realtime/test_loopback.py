@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from qrobot.realtime import loopback
-from qrobot.realtime.loopback import maybe_account_between, maybe_peer_account
+from qrobot.realtime.loopback import is_loopback, maybe_account_between, maybe_peer_account
 from qrobot.realtime.socket_diag import is_answered
 from tests.support.accounts import OTHER, as_other_account, needs_root
 
@@ -26,6 +26,23 @@ def way(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> str:
     if request.param == "kernel":
         monkeypatch.setattr(loopback, "TABLES", (Path("/no/table"),))
     return str(request.param)
+
+
+@pytest.mark.parametrize(
+    ("host", "inside"),
+    [
+        ("127.0.0.1", True),
+        ("127.9.8.7", True),
+        ("::1", True),
+        ("::ffff:127.0.0.1", True),
+        ("10.0.0.1", False),
+        ("::", False),
+        ("robot", False),
+        ("", False),
+    ],
+)
+def test_which_addresses_are_of_the_loopback_interface(host: str, inside: bool) -> None:
+    assert is_loopback(host) == inside
 
 
 @contextmanager
@@ -48,6 +65,11 @@ def test_a_peer_is_known_by_its_account_until_it_hangs_up(family: socket.Address
         assert maybe_peer_account(connection) == os.geteuid()
         client.close()
         assert maybe_peer_account(connection) is None
+
+
+def test_who_is_not_connected_has_no_peer() -> None:
+    with socket.socket() as unconnected:
+        assert maybe_peer_account(unconnected) is None
 
 
 @pytest.mark.parametrize("family", [socket.AF_INET, socket.AF_INET6])

@@ -349,6 +349,25 @@ def test_the_bound_is_the_bound(age_ns: int, trips: int) -> None:
     assert pending_operations(board, int(Lane.GUARDIAN)) == trips * (1 + N_DACS)
 
 
+def on_a_clock(
+    monkeypatch: pytest.MonkeyPatch,
+    now_ns: list[int],
+    sleep_until_ns: Callable[[int], None],
+    look_at: Callable[..., object],
+) -> None:
+    """Let the guardian's loop, in plain Python, take its time from `now_ns`."""
+    for name, fake in {
+        "monotonic_ns": lambda: now_ns[0],
+        "arm_time_ns": lambda *_: now_ns[0],
+        "may_slip_ns": lambda *_: 0,
+        "sleep_until_ns": sleep_until_ns,
+        "load_acquire": lambda words, k: words[k],
+        "look": look_at,
+        "await_look": getattr(await_look, "py_func", await_look),
+    }.items():
+        monkeypatch.setattr(guardian_module, name, fake)
+
+
 @pytest.mark.parametrize("slept_ns", [0, 2_000_000, 4_000_000, 40_000_000])
 def test_on_a_real_board_it_looks_five_times_per_bound_and_allows_the_bound_however_long_it_overslept(
     monkeypatch: pytest.MonkeyPatch, slept_ns: int
@@ -358,16 +377,7 @@ def test_on_a_real_board_it_looks_five_times_per_bound_and_allows_the_bound_howe
     def sleep_until_ns(deadline_ns: int) -> None:
         now_ns[0] = max(now_ns[0], deadline_ns) + slept_ns * (len(looks) == 7)
 
-    for name, fake in {
-        "monotonic_ns": lambda: now_ns[0],
-        "arm_time_ns": lambda *_: now_ns[0],
-        "may_slip_ns": lambda *_: 0,
-        "sleep_until_ns": sleep_until_ns,
-        "load_acquire": lambda words, k: words[k],
-        "look": lambda *asked: looks.append(asked[-2:]),
-        "await_look": getattr(await_look, "py_func", await_look),
-    }.items():
-        monkeypatch.setattr(guardian_module, name, fake)
+    on_a_clock(monkeypatch, now_ns, sleep_until_ns, lambda *asked: looks.append(asked[-2:]))
     run, stop = getattr(watch, "py_func", watch), np.zeros(1, np.int64)
     run(np.zeros(N_OWN, np.int64), None, None, None, None, stop, TIMEOUT_NS, 20 * TIMEOUT_NS, 0)
     times_ns, allowed_ns = np.array(looks).T
@@ -411,16 +421,7 @@ def test_a_servo_that_wakes_up_in_the_middle_of_its_writing_is_overruled_within_
         looks.append(asked[-2])
         look(*asked)
 
-    for name, fake in {
-        "monotonic_ns": lambda: now_ns[0],
-        "arm_time_ns": lambda *_: now_ns[0],
-        "may_slip_ns": lambda *_: 0,
-        "sleep_until_ns": sleep_until_ns,
-        "load_acquire": lambda words, k: words[k],
-        "look": look_and_note,
-        "await_look": getattr(await_look, "py_func", await_look),
-    }.items():
-        monkeypatch.setattr(guardian_module, name, fake)
+    on_a_clock(monkeypatch, now_ns, sleep_until_ns, look_and_note)
     run, stop, own = getattr(watch, "py_func", watch), np.zeros(1, np.int64), np.zeros(N_OWN, np.int64)
     ops = np.zeros((N_SAFE_OPS, OP_FIELDS), dtype=np.int64)
     run(own, mail, board, NO_CARD_WORDS, ops, stop, patient_ns, began_ns + 3 * patient_ns, 0)
