@@ -50,7 +50,7 @@ def cycle(params: ServoParameters, state: ServoState, mail: Any, now_ns: int, la
     Args:
         params: numbers of robot and servo. state: everything remembered; `state.image` holds the newest image of the
             board, `state.image_ok` whether it was whole. mail: servo memory, see `ServoMemory`.
-        now_ns: planned time of this cycle. late_ns: how much later it really runs.
+        now_ns: point of the time grid that this cycle is for. late_ns: how much later it really runs, below a period.
 
     Returns:
         Number of operations in `state.ops`, to be posted in order; zero when the guardian holds the board.
@@ -84,7 +84,7 @@ def tick(params: ServoParameters, state: ServoState, now_ns: int, late_ns: int) 
     if state.started == 0:
         state.t_ns = now_ns - params.period_ns
     dt_ns = now_ns - state.t_ns
-    late = late_ns > params.late_ns
+    late = late_ns + state.skipped_ns > params.late_ns
     state.dt = dt_ns * 1e-9
     state.t_ns = now_ns
     state.began_ns = now_ns + late_ns

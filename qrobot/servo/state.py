@@ -114,8 +114,9 @@ class ServoState:
     )
     tick: int = 0
     started: int = 0  # 0 until the first whole image was seen
-    t_ns: int = 0  # planned time of this cycle
-    late_ns: int = 0  # how much later it really runs
+    t_ns: int = 0  # point of the time grid that this cycle is for
+    skipped_ns: int = 0  # how much earlier the cycle was to run that it stands in for; the loop sets it
+    late_ns: int = 0  # how much later than that it really runs
     status: int = 0  # STATUS register of this tick's image
     image_ok: int = 0
     pending: int = 0  # worst code raised in this tick

@@ -305,7 +305,7 @@ class RunningArm:
         on_its_way = np.flatnonzero(rows["mode"] == Mode.TRACKING)
         if not on_its_way.size:
             return "it was not on its way"
-        rows = rows[: on_its_way[-1] + 1][-1000:]
+        rows = rows[: on_its_way[-1] + 2][-1000:]  # with the cycle that stopped it
         gaps, ends = np.diff(rows["t_ns"]) * 1e-6, rows["t_ns"][-1]
         told = [f"{-(ends - rows['t_ns'][k]) * 1e-6:.0f} ms: {gaps[k]:.0f} ms" for k in np.flatnonzero(gaps > 4.0)]
         missed = int((rows["flags"] >> 16).max())

@@ -24,7 +24,7 @@ RECORDING_S = 2.0 * PATIENCE_S
 def record_last_swing(arm: RunningArm, log: Path) -> tuple[int, Path]:
     """When it began, and its log. Raises StreamLostError where the servo stopped the arm.
 
-    Its fastest joint goes at 160 degrees a second: what holds its torque for 40 ms meanwhile takes it off its path.
+    Its fastest joint goes at 160 degrees a second: what holds its torque for long meanwhile takes it off its path.
     """
     options = ["--arm", arm.name, "--poses", str(POSES), "--first", str(POSES + SWEEPS), "--output", str(log), "--go"]
     begin_ns = arm.now_ns()

@@ -1,18 +1,26 @@
-"""A machine that stands still stops an emulated arm's world with it: nothing comes of it."""
+"""A machine that stands still stops an emulated arm's world with it: nothing comes of it. A servo alone is late."""
 
 from __future__ import annotations
 
 import threading
 
+import numpy as np
 import pytest
 
-from benchmarks.stalls import Stalls, stall_again_and_again, swing
+from benchmarks.stalls import Stalls, stall, stall_again_and_again, swing
+from qrobot.modecodes import Mode
+from qrobot.servo.memory.telemetry import Rows
+from qrobot.units import NS_PER_S
+from tests.support.patience import wait_until
+from tests.support.processes import RunningArm
 from tests.support.shared_arm import SharedArm
 
 pytestmark = pytest.mark.realtime
 
 TIMES, SEED = 8, 6
 TRIES, TOGETHER_S = 3, 0.005  # a run in which the signals themselves came so far apart stopped nobody at once
+ALONE_S, TOO_LONG_S = 0.025, 0.06  # beyond it an arm has left its path
+RAD_S, AFTER_S = 0.8, 0.03
 
 
 def test_all_processes_of_a_moving_arm_may_stop_at_once_and_go_on(shared_arm: SharedArm) -> None:
@@ -37,3 +45,32 @@ def stalls_of_a_moving_arm(shared_arm: SharedArm) -> Stalls:
         finally:
             done.set()
             program.join()
+
+
+def test_a_servo_that_is_held_up_alone_for_a_moment_goes_on_without_a_blow(shared_arm: SharedArm) -> None:
+    """Its board goes on, so the joint does: the setpoint that the servo compares it with has gone as far."""
+    shared_arm.park()
+    arm = shared_arm.running()
+    for _ in range(TRIES):
+        with arm.swinging(RAD_S):
+            rows = rows_from_the_longest_cycle(arm)
+        held_up_s = float(rows["t_ns"][1] - rows["t_ns"][0]) / NS_PER_S
+        if held_up_s < TOO_LONG_S:
+            break
+    assert held_up_s > 0.5 * ALONE_S  # it was asleep for most of it
+    assert set(rows["mode"]) == {Mode.TRACKING}
+    gone = np.abs(rows["q"][1] - rows["q"][0]).max()
+    assert gone > 0.5 * RAD_S * held_up_s
+    assert np.abs(rows["q_ref"] - rows["q"]).max() < 0.2 * gone
+
+
+def rows_from_the_longest_cycle(arm: RunningArm) -> Rows:
+    """Hold its servo up, and see what it did from the cycle before until `AFTER_S` later."""
+    before_ns = arm.now_ns()
+    stall([arm.pid("servo")], ALONE_S)
+    goes_on_ns = arm.now_ns()
+    wait_until(lambda: arm.word("heartbeat", "t_ns") > goes_on_ns + 2.0 * AFTER_S * NS_PER_S, "the servo goes on")
+    rows = arm.telemetry()
+    rows = rows[int(np.searchsorted(rows["t_ns"], before_ns)) - 1 :]
+    rows = rows[int(np.diff(rows["t_ns"]).argmax()) :]
+    return rows[rows["t_ns"] - rows["t_ns"][1] <= AFTER_S * NS_PER_S]

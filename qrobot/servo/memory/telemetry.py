@@ -35,8 +35,8 @@ N_PAYLOAD: Final = 10
 # name, meaning
 SCALARS: Final = (
     ("tick", "cycles since the servo started"),
-    ("t_ns", "planned time of the cycle, ns on the servo's clock"),
-    ("late_ns", "wake-up error, ns"),
+    ("t_ns", "point of the time grid that the cycle is for, ns on the servo's clock"),
+    ("late_ns", "wake-up error, ns, points of the grid that were skipped since included"),
     ("busy_ns", "computing time of the previous cycle, ns"),
     ("mode", "modecodes.Mode"),
     ("fault", "faultcodes.FaultCode, the newest event"),

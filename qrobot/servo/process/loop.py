@@ -1,9 +1,10 @@
 """The real-time loop: sleep short of the deadline, spin to it, run one cycle, never catch up in a burst.
 
 Deadlines lie on a fixed grid of CLOCK_MONOTONIC, half a period off its multiples: the kernel's own tick fires on
-multiples of its period and would otherwise cost some 20 us every few cycles. A loop that missed deadlines skips them
-and tells the cycle the true time. Beside an emulated board it is the arm's (`hwif.arm_clock`). Everything between
-two deadlines is compiled; no Python runs, nothing is allocated.
+multiples of its period and would otherwise cost some 20 us every few cycles. A loop that missed deadlines skips them,
+before the cycle as well as after it: the image is of now, and so must be the reference that it is compared with.
+Beside an emulated board the time is the arm's (`hwif.arm_clock`). Everything between two deadlines is compiled; no
+Python runs, nothing is allocated.
 """
 
 from __future__ import annotations
@@ -56,10 +57,15 @@ def first_deadline(now_ns: int, period_ns: int) -> int:
 
 
 @lean_kernel
+def newest_point(deadline_ns: int, now_ns: int, period_ns: int) -> int:
+    """The newest point of the grid that is past, the deadline or a later one: whole periods are skipped."""
+    return deadline_ns + max(0, (now_ns - deadline_ns) // period_ns) * period_ns
+
+
+@lean_kernel
 def next_deadline(deadline_ns: int, now_ns: int, period_ns: int) -> int:
-    """The next point of the grid that is not past: whole periods are skipped, none is made up for."""
-    skipped = max(0, (now_ns - deadline_ns) // period_ns)
-    return deadline_ns + (1 + skipped) * period_ns
+    """The next point of the grid that is not past: none is made up for."""
+    return newest_point(deadline_ns, now_ns, period_ns) + period_ns
 
 
 @lean_kernel
@@ -147,6 +153,9 @@ def run(
         started = monotonic_ns() - slipped
         if started < deadline:
             continue  # time has slipped: the deadline is still to come
+        missed, deadline = deadline, newest_point(deadline, started, params.period_ns)
+        state.skipped_ns = deadline - missed
+        state.late_cycles += state.skipped_ns // params.period_ns
         was_long = 2 * state.busy_ns > params.period_ns  # several in a row are looked at more closely
         used = thread_time() if was_long else (0, 0)
         if card[CARD_KIND] != NO_CARD:

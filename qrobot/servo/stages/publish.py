@@ -93,7 +93,7 @@ def compose_flags(params: ServoParameters, state: ServoState, mail: Any, now_ns:
 @lean_kernel
 def fill_row(state: ServoState, late_ns: int) -> None:
     """Fill the telemetry row with the fields of the state that it tells."""
-    state.late_ns = late_ns
+    state.late_ns = late_ns + state.skipped_ns
     told = state.flag_bits & ~FLAG_HALTED  # whose bit is FLAG_UNSEEN in a row
     state.flag_word = told | state.unseen * FLAG_UNSEEN | state.clipped << 8 | state.misses << 16
     for k in range(state.signals.size):
