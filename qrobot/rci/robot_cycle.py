@@ -40,6 +40,7 @@ START_S: Final = 0.5  # for the servo to follow a stream that began
 MOST_STARTS: Final = 5  # [A] streams that begin one after another, because the arm has not moved in the one before
 TRACE_SAMPLES: Final = 36  # a second at 28 ms, for the report of a fault
 UNPOWERED: Final = frozenset({Mode.OFF, Mode.FAULT})
+FOLLOWED: Final = frozenset({Mode.HOLDING, Mode.TRACKING})  # by the setpoints of a stream, or of the one that begins
 SERVO_AWAY: Final = "bridge or servo was away, or the program was held, while the arm was off its path"
 STOPPED_BY_HAND: Final = "no fault; somebody told it to, or took its power away"
 _SEQ_MODULUS: Final = 1 << 32
@@ -134,7 +135,7 @@ class RobotCycle:
         self._power_up = PowerUp(period_s, clear_fault)
         self._power_down = PowerDown(period_s, power_off=False)
         self._waited_s = 0.0
-        self._heeds_stops = False  # that somebody asks for: the arm was taken again, and none was told of then
+        self._heeds_stops = False  # that somebody asks for: the arm was taken, and none was told of since
         self._stop_said = False  # by the task itself, and the robot may not have told of it yet
         self._starts = 0  # streams begun since the arm was taken
         self._stands: tuple[float, ...] = ()  # setpoints that they begin with
@@ -241,13 +242,18 @@ class RobotCycle:
         self._seq = seq
 
     def _heed_stop(self, robot: RobotState, chg: Chg) -> bool:
-        """Whether somebody has asked for a stop since the arm was taken again; then it is not to move."""
-        halted = self._heeds_stops and robot.halted
+        """Whether somebody has asked for a stop since the arm was taken; then it is not to move.
+
+        The servo may tell of an older one, or of the task's own: what comes after an answer without any is news.
+        """
+        halted = self._heeds_stops and robot.halted and robot.mode in CARRIED
         if halted:
             self._heeds_stops = False
             chg.stop |= self.phase is not CyclePhase.POWERING  # where a stream has begun
-            what = "somebody has stopped the arm before it moved again"
-            self._hooks.stopped(servo_fault(robot, what, self._heard, STOPPED_BY_HAND))
+            what = "somebody has stopped the arm before it moved: restart the program when it may"
+            self._hooks.stopped(ServoFault(FaultCode.NONE, what, tuple(self._heard)))
+        elif robot.mode in FOLLOWED:
+            self._heeds_stops = not (robot.halted or self._stop_said)
         return halted
 
     def _power(self, robot: RobotState, chg: Chg, now_ns: int) -> None:
@@ -294,7 +300,8 @@ class RobotCycle:
 
     def _follow(self, robot: RobotState, chg: Chg, control: Callable[[], object] | None) -> None:
         if robot.mode != Mode.TRACKING and control is None and self._lost_at_rest(robot):
-            self._start_again(chg)
+            if not self._heed_stop(robot, chg):
+                self._start_again(chg)
         elif robot.mode != Mode.TRACKING:
             what = f"the servo stopped the arm{self._hooks.remark()}"
             self._hooks.stopped(servo_fault(robot, what, self._heard, STOPPED_BY_HAND))

@@ -18,7 +18,7 @@ from qrobot.motion import motion_limits
 from qrobot.rci import TaskDescriptor, TaskState, VirtualLink
 from qrobot.rci.robot_cycle import MOST_STARTS
 from qrobot.wire import JointMode, Mode
-from tests.support.fake_robot import FakeRobot
+from tests.support.fake_robot import HALT_TOLD_PERIODS, FakeRobot
 from tests.support.late_robot import LATE, hear_power_late, lose_power, lose_streams, stop_power_up
 from tests.support.puma import PARK, ROBOT
 
@@ -40,6 +40,12 @@ def robot() -> Iterator[FakeRobot]:
 def task(control1: Callable[[TaskDescriptor], object], control2=None, name: str = "puma560") -> TaskDescriptor:
     td = rci.rci_create(name)
     rci.rci_control(td, control1, control2)
+    return td
+
+
+def started(control: Callable[[TaskDescriptor], object]) -> TaskDescriptor:
+    td = task(control)
+    rci.rci_start(td.bit)
     return td
 
 
@@ -306,11 +312,36 @@ def test_it_ends_the_task_when_that_happens_too_often_or_has_moved_the_arm(robot
 
 def test_no_stream_begins_again_where_somebody_has_taken_power_away_meanwhile(robot: FakeRobot) -> None:
     robot.mode = Mode.HOLDING
-    robot.lose_stream_and_power()
+    robot.lose_stream_and(FakeRobot.lose_power_by_hand)
     with pytest.raises(ServoFault, match="let go of the arm before it followed"):
         rci.rci_start(task(turn(0, 0.001)).bit)
     assert robot.mode is Mode.OFF
     assert len(robot.streams) == 1
+
+
+def test_no_stream_begins_again_where_somebody_has_asked_for_a_stop_meanwhile(robot: FakeRobot) -> None:
+    robot.lose_stream_and(FakeRobot.stop_by_hand)
+    with pytest.raises(ServoFault, match="somebody has stopped the arm before it moved"):
+        rci.rci_start(task(turn(0, 0.001)).bit)
+    assert robot.mode is Mode.HOLDING
+    assert len(robot.streams) == 1
+    assert robot.q == START
+
+
+@pytest.mark.parametrize("after", [1, 2])
+def test_a_stop_that_comes_before_the_first_setpoints_of_a_task_is_heeded(robot: FakeRobot, after: int) -> None:
+    """The servo follows a stream of which it hears after the stop, and tells for a while that there was one."""
+    robot.mode = Mode.HOLDING
+    robot.script((after, FakeRobot.tell_stop_before_stream))
+    with pytest.raises(ServoFault, match="somebody has stopped the arm before it moved"):
+        wait_runs(started(turn(0, 0.001)), 1)
+    assert robot.q == START
+
+
+def test_a_stop_that_somebody_asked_for_before_a_task_began_stops_it_not(robot: FakeRobot) -> None:
+    robot.tell_stop_before_stream()
+    wait_runs(started(turn(0, 0.001)), 2 * HALT_TOLD_PERIODS)
+    assert robot.q[0] > START[0]
 
 
 def test_a_task_that_waits_for_others_outlives_the_loss_of_its_stream() -> None:

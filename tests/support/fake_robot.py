@@ -128,12 +128,13 @@ class FakeRobot:
         self.before_period = happens
         return first
 
-    def lose_stream_and_power(self) -> None:
-        """Refuse to follow whatever streams begin, and be told to go without power while the arm comes to rest."""
+    def lose_stream_and(self, act: Callable[[FakeRobot], object]) -> None:
+        """Refuse to follow whatever streams begin, and let something happen while the arm comes to rest."""
 
         def happens(_: int) -> None:
             if self.mode is Mode.STOPPING:
-                self.lose_power_by_hand()
+                act(self)
+                self.rest()
             if self.mode is Mode.TRACKING:
                 self.meet(FaultCode.STREAM_LOST)
 

@@ -450,12 +450,38 @@ def test_no_stream_in_c_begins_again_where_somebody_has_taken_power_away_meanwhi
 ) -> None:
     robot = FakeRobot(tuple(PARK))
     robot.mode = before
-    robot.lose_stream_and_power()
+    robot.lose_stream_and(FakeRobot.lose_power_by_hand)
     with rci.use(partial(VirtualLink, transfer=robot.transfer)):
         assert run_executable(turns) == 7
     assert robot.mode is Mode.OFF
     assert len(robot.streams) == 1
     assert "let go of the arm before it followed: STREAM_LOST" in capfd.readouterr().err
+
+
+def test_no_stream_in_c_begins_again_where_somebody_has_asked_for_a_stop_meanwhile(
+    turns: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    robot = FakeRobot(tuple(PARK))
+    robot.lose_stream_and(FakeRobot.stop_by_hand)
+    with rci.use(partial(VirtualLink, transfer=robot.transfer)):
+        assert run_executable(turns) == 7
+    assert robot.mode is Mode.HOLDING
+    assert len(robot.streams) == 1
+    assert robot.q == tuple(PARK)
+    assert "somebody has stopped the arm before it moved" in capfd.readouterr().err
+
+
+@pytest.mark.parametrize("told", [False, True])
+def test_a_task_in_c_heeds_a_stop_that_came_after_it_began_and_no_older_one(
+    turns: Path, capfd: pytest.CaptureFixture[str], told: bool
+) -> None:
+    robot = FakeRobot(tuple(PARK))
+    robot.mode = Mode.HOLDING
+    robot.script((1 if told else 0, FakeRobot.tell_stop_before_stream))
+    with rci.use(partial(VirtualLink, transfer=robot.transfer)):
+        assert run_executable(turns) == (7 if told else 0)
+    assert (robot.q == tuple(PARK)) is told
+    assert ("somebody has stopped the arm before it moved" in capfd.readouterr().err) is told
 
 
 def test_a_stop_by_hand_is_told_as_one_in_c_too(turns: Path, capfd: pytest.CaptureFixture[str]) -> None:

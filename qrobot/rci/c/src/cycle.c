@@ -167,6 +167,18 @@ static int lost_at_rest(const struct cycle *c, const struct qrobot_state *s)
     return 1;
 }
 
+/* Whether somebody has asked for a stop since the arm was taken; then it is not to move. */
+static int was_stopped(struct cycle *c, const struct qrobot_state *s, const char **failed)
+{
+    int halted = (s->flags & QROBOT_FLAG_HALTED) != 0;
+
+    if (halted && c->heeds_stops && carries(s))
+        *failed = because("somebody has stopped the arm before it moved: restart the program when it may");
+    else if (s->mode == QROBOT_MODE_HOLDING || s->mode == QROBOT_MODE_TRACKING)
+        c->heeds_stops = !halted; /* it may tell of an older one: what comes after an answer without any is news */
+    return *failed != NULL;
+}
+
 /* Take in a state. Returns NULL, or why the robot cannot be had any longer. */
 const char *rci_cycle_step(RCI_TASK *td, int64_t now_ns)
 {
@@ -177,7 +189,7 @@ const char *rci_cycle_step(RCI_TASK *td, int64_t now_ns)
     qrobot_answer(&c->command, s);
     switch (c->phase) {
     case POWERING:
-        if (is_powered(c, s, &failed)) {
+        if (!was_stopped(c, s, &failed) && is_powered(c, s, &failed)) {
             c->stream = (uint32_t)(now_ns >> 20) ^ s->seq << 12; /* unlike that of a run before */
             stay(td, s);
             c->start_s = 0.0;
@@ -187,6 +199,8 @@ const char *rci_cycle_step(RCI_TASK *td, int64_t now_ns)
         break;
     case STARTING:
         c->start_s += c->period_s;
+        if (was_stopped(c, s, &failed))
+            break;
         if (s->mode == QROBOT_MODE_TRACKING)
             c->phase = FOLLOWING;
         else if ((s->mode == QROBOT_MODE_STOPPING || c->start_s > START_S) && lost_at_rest(c, s))
@@ -195,10 +209,10 @@ const char *rci_cycle_step(RCI_TASK *td, int64_t now_ns)
             failed = gave_up(s, "the servo does not follow the setpoints");
         break;
     case FOLLOWING:
-        if (s->mode != QROBOT_MODE_TRACKING && td->inside->state != RCI_ACTIVE && lost_at_rest(c, s))
-            c->phase = POWERING;
-        else if (s->mode != QROBOT_MODE_TRACKING)
+        if (s->mode != QROBOT_MODE_TRACKING && (td->inside->state == RCI_ACTIVE || !lost_at_rest(c, s)))
             failed = gave_up_or(s, "the servo stopped the arm", STOPPED_BY_HAND);
+        else if (!was_stopped(c, s, &failed) && s->mode != QROBOT_MODE_TRACKING)
+            c->phase = POWERING;
         break;
     case STOPPING:
         power_down(c, s);
