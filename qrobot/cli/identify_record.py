@@ -32,12 +32,14 @@ from qrobot.report import QueuedReport
 from qrobot.servo.laws.names import law_label
 from qrobot.servo.memory.telemetry import Rows
 from qrobot.units import US_PER_MS
+from qrobot.wire import RobotFlag
 
 if TYPE_CHECKING:
     from qrobot.log.follow import ServoFollower
     from qrobot.log.read import Log
     from qrobot.log.writer import LogWriter
     from qrobot.rig.experiment import PlantName
+    from qrobot.servo.memory.published_state import ServoSnapshot
     from qrobot.servo.memory.servo_memory import ServoInfo
 
 _NOT_READY: Final = "the servo of {arm} is not ready: nothing would be recorded"
@@ -86,6 +88,7 @@ def record_running(arm: DeployedArm, robot: Robot, plan: ExcitationPlan | Excita
     Raises:
         LinkError: no servo runs, it is not ready, or somebody else commands the arm.
         ConfigError: it drives another robot than the file tells of, or `output` is a recording already.
+        MotionError: it is to move more slowly than planned, or in a pause.
         LogError: the log cannot be written, or not any more: the arm makes no further move then.
     """
     refuse_recorded(output)
@@ -146,8 +149,12 @@ def _recording(arm: DeployedArm, robot: Robot, output: Path) -> Iterator[_Record
 
 
 def _require_recordable(arm: DeployedArm, robot: Robot) -> None:
-    """Raise LinkError: no servo runs, or it is not ready. ConfigError: it drives another robot."""
+    """Raise LinkError: no servo runs, or it is not ready. ConfigError: it drives another robot.
+
+    Raise MotionError: it would move too slowly to tell anything.
+    """
     from qrobot.cli.log import recorded_header
+    from qrobot.servo.memory.mailbox import ServoMailbox
     from qrobot.servo.memory.servo_memory import attach_servo_memory, servo_info
 
     with attach_servo_memory(arm.name) as memory:
@@ -155,6 +162,20 @@ def _require_recordable(arm: DeployedArm, robot: Robot) -> None:
         if not info.ready:
             raise LinkError(_NOT_READY.format(arm=arm.name))
         recorded_header(robot, info, int(memory.header.owner_pid), arm.board.plant)
+        _require_full_speed(arm.name, ServoMailbox(memory.words).snapshot())
+
+
+def _require_full_speed(arm: str, told: ServoSnapshot) -> None:
+    """Raise MotionError where the moves would be slower than planned; the fast ones obey no override and no pause."""
+    slow = "the moves of a plan tell nothing where they are slower"
+    if told.speed_limit < 1.0:
+        raise MotionError(f"{arm} runs at reduced speed, and {slow}: start its servo without reduced speed")
+    if told.flags & RobotFlag.PAUSED:
+        raise MotionError(f"{arm} is in a pause: `qrobot ctl resume` first")
+    if told.override < 1.0:
+        raise MotionError(
+            f"the speed override of {arm} is {told.override:.0%}, and {slow}: `qrobot ctl override 100` first"
+        )
 
 
 class _RecorderThread:

@@ -74,7 +74,7 @@ def servo(
     interpolation
         Path between setpoints, overriding the file; linear is a sample period faster, and rough.
     reduced_speed
-        Stop the arm when its tool would move faster than 250 mm/s, or than the file's reduced_speed_mm_s.
+        Stop the arm when its tool would move faster than 250 mm/s, or the file's reduced_speed_mm_s if that is less.
     guardian
         Start a guardian too. With --own-guardian somebody else starts it (`qrobot guardian`, `qrobot up`).
     """

@@ -45,7 +45,7 @@ def up(
         Calibrate each arm whose board has lost its counters, before programs may move it. THE ARM MOVES. The key
         `calibrate_at_start` of an arm's board asks for the same.
     reduced_speed
-        Stop each arm when its tool would move faster than 250 mm/s, or than the file's reduced_speed_mm_s.
+        Stop each arm when its tool would move faster than 250 mm/s, or the file's reduced_speed_mm_s if that is less.
     out_dir
         Where the processes' messages go, one file each.
     """

@@ -14,7 +14,7 @@ is; and in a motion to where the arm is already.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from math import inf
 from typing import Final
@@ -56,10 +56,15 @@ class Scheduler:
     def check(self, request: MoveRequest, geometry: GeometricPath) -> None:
         """Judge a request that begins and ends at rest.
 
+        What the arm can do at full speed is allowed at reduced speed as well: it takes as much longer as it has to.
+
         Raises:
             JointLimit: the target is outside the joints' range.
             TooFast: the time, the speed or the transition asks for more than the arm can do.
         """
+        if self.limits.reduction < 1.0:
+            replace(self, limits=self.limits.at_full_speed).check(request, geometry)
+            return
         what = f"move to {request.name}"
         ta = self.preferred(request)
         asked = self._asked(request, geometry)

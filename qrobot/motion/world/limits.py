@@ -59,6 +59,11 @@ class MotionLimits:
         """The same limits with `share` of the speeds, 0 to 1; a share that is none changes nothing."""
         return replace(self, v_max=share * self.v_max, reduction=share * self.reduction) if 0.0 < share < 1.0 else self
 
+    @cached_property
+    def at_full_speed(self) -> MotionLimits:
+        """The same limits with the speeds of the robot's file."""
+        return replace(self, v_max=self.v_max / self.reduction, reduction=1.0) if self.reduction < 1.0 else self
+
     def check_position(self, q: Floats, what: str, start: Floats | None = None) -> None:
         """Look at a goal `q` (n,). A joint that begins outside its range, at `start` (n,), may stay there or come back.
 

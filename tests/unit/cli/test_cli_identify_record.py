@@ -6,9 +6,10 @@ import contextlib
 import errno
 import os
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -24,7 +25,16 @@ from qrobot.cli.identify_record import (
     says_where_it_broke_off,
 )
 from qrobot.config import load_robot
-from qrobot.errors import ConfigError, FenceCrossed, IdentificationError, LinkBusy, LogError, QRobotError, ServoFault
+from qrobot.errors import (
+    ConfigError,
+    FenceCrossed,
+    IdentificationError,
+    LinkBusy,
+    LogError,
+    MotionError,
+    QRobotError,
+    ServoFault,
+)
 from qrobot.faultcodes import FaultCode
 from qrobot.ident.perform import MoveProgress
 from qrobot.ident.plan import ExcitationPlan, Swing
@@ -32,8 +42,10 @@ from qrobot.log.follow import LOOK_NS, ServoFollower
 from qrobot.log.header import LOCKSTEP, LogHeader, header_for
 from qrobot.log.read import read_log
 from qrobot.log.record import write_log
-from qrobot.servo.memory.servo_memory import create_servo_memory, servo_info
+from qrobot.servo.memory.mailbox import ServoMailbox
+from qrobot.servo.memory.servo_memory import ServoMemory, create_servo_memory, servo_info
 from qrobot.servo.memory.telemetry import Rows, TelemetryLayout, append_row
+from qrobot.wire import RobotFlag
 from tests.support.patience import PATIENCE_S, wait_until
 from tests.support.processes import write_deployment
 
@@ -111,8 +123,7 @@ def test_a_full_disk_behind_the_lines_of_the_recorder_ends_no_recording(
     monkeypatch.setattr("qrobot.cli.identify_record.note", note)
     monkeypatch.setattr("qrobot.cli.log.recorded_header", lambda *_: HEADER)
     monkeypatch.setattr("qrobot.log.follow.follow", pretend)
-    with create_servo_memory(name, PUMA.name, "qrobot", PUMA.n, HEADER.period_ns, 256) as memory:
-        memory.front.info.ready = 1
+    with ready_servo(name) as memory:
         base = servo_info(memory.words).telemetry_base
         with _recording(choose_arm(str(deployment), None), PUMA, tmp_path / "run.mcap") as recorder:
             recorder.begin()
@@ -166,6 +177,16 @@ def test_runs_on_virtual_time_are_taken_whole_and_so_are_those_of_another_servo(
         assert read_rows(logs)[0].size == 600
 
 
+@contextlib.contextmanager
+def ready_servo(name: str, override: float = 1.0, speed_limit: float = 1.0, flags: int = 0) -> Iterator[ServoMemory]:
+    """Memory of a servo that is ready, and tells so of the operator and of its speed."""
+    with create_servo_memory(name, PUMA.name, "qrobot", PUMA.n, HEADER.period_ns, 256) as memory:
+        memory.front.info.ready = 1
+        state = ServoMailbox(memory.words).memory.published.state
+        state.override, state.speed_limit, state.flag_bits = override, speed_limit, flags
+        yield memory
+
+
 class OneMove:
     """What `record_running` needs of an arm and a plan whose moves are told to `moved`."""
 
@@ -199,6 +220,26 @@ def test_an_arm_that_would_not_be_recorded_makes_no_move(
     assert arm.moved == []
 
 
+@pytest.mark.parametrize(
+    ("told", "remedy"),
+    [
+        ({"override": 0.1}, "qrobot ctl override 100"),
+        ({"flags": int(RobotFlag.PAUSED)}, "qrobot ctl resume"),
+        ({"speed_limit": 0.06}, "without reduced speed"),
+    ],
+)
+def test_an_arm_that_would_move_too_slowly_to_tell_anything_makes_no_move(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, told: dict[str, Any], remedy: str
+) -> None:
+    arm, name = OneMove(monkeypatch), f"slow{os.getpid()}"
+    monkeypatch.setattr("qrobot.cli.log.recorded_header", lambda *_: REAL)
+    deployment = choose_arm(str(write_deployment(tmp_path, name=name)), None)
+    with ready_servo(name, **told), pytest.raises(MotionError, match=remedy):
+        record_running(deployment, PUMA, PLAN, tmp_path / "run.mcap", 0)
+    assert arm.moved == []
+    assert not (tmp_path / "run.mcap").exists()
+
+
 def test_a_recorder_that_has_ended_ends_the_moves_and_says_with_which_to_go_on(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -212,10 +253,11 @@ def test_a_recorder_that_has_ended_ends_the_moves_and_says_with_which_to_go_on(
     monkeypatch.setattr("qrobot.log.follow.follow", die)
     monkeypatch.setattr("qrobot.cli.log.recorded_header", lambda *_: REAL)
     deployment = choose_arm(str(write_deployment(tmp_path, name=name)), None)
-    with create_servo_memory(name, PUMA.name, "qrobot", PUMA.n, HEADER.period_ns, 256) as memory:
-        memory.front.info.ready = 1
-        with pytest.raises(LogError, match="nothing is recorded any more: an old part cannot be removed"):
-            record_running(deployment, PUMA, PLAN, tmp_path / "run.mcap", 4)
+    with (
+        ready_servo(name),
+        pytest.raises(LogError, match="nothing is recorded any more: an old part cannot be removed"),
+    ):
+        record_running(deployment, PUMA, PLAN, tmp_path / "run.mcap", 4)
     assert arm.moved in ([], [4])
 
 
@@ -228,8 +270,7 @@ def test_a_recording_begins_where_the_command_did(tmp_path: Path, monkeypatch: p
     monkeypatch.setattr("qrobot.cli.log.recorded_header", lambda *_: REAL)
     name, layout = f"begun{os.getpid()}", TelemetryLayout(PUMA.n)
     deployment = choose_arm(str(write_deployment(tmp_path, name=name)), None)
-    with create_servo_memory(name, PUMA.name, "qrobot", PUMA.n, HEADER.period_ns, 256) as memory:
-        memory.front.info.ready = 1
+    with ready_servo(name) as memory:
         base = servo_info(memory.words).telemetry_base
 
         def run(first: int, last: int) -> None:
@@ -252,10 +293,8 @@ def test_a_recording_is_not_written_over(tmp_path: Path, monkeypatch: pytest.Mon
     arm, earlier = OneMove(monkeypatch), write_log(tmp_path / "run.mcap", cycles(0, 300), REAL)[0]
     name, before = f"kept{os.getpid()}", earlier.read_bytes()
     deployment = choose_arm(str(write_deployment(tmp_path, name=name)), None)
-    with create_servo_memory(name, PUMA.name, "qrobot", PUMA.n, HEADER.period_ns, 256) as memory:
-        memory.front.info.ready = 1
-        with pytest.raises(ConfigError, match=r"run\.mcap: it is a recording already"):
-            record_running(deployment, PUMA, PLAN, earlier, 0)
+    with ready_servo(name), pytest.raises(ConfigError, match=r"run\.mcap: it is a recording already"):
+        record_running(deployment, PUMA, PLAN, earlier, 0)
     assert arm.moved == []
     assert earlier.read_bytes() == before
 
@@ -269,10 +308,8 @@ def test_an_arm_that_somebody_else_commands_leaves_no_log(tmp_path: Path, monkey
     monkeypatch.setattr("qrobot.cli.log.recorded_header", lambda *_: REAL)
     name = f"busy{os.getpid()}"
     deployment = choose_arm(str(write_deployment(tmp_path, name=name)), None)
-    with create_servo_memory(name, PUMA.name, "qrobot", PUMA.n, HEADER.period_ns, 256) as memory:
-        memory.front.info.ready = 1
-        with pytest.raises(LinkBusy):
-            record_running(deployment, PUMA, PLAN, tmp_path / "run.mcap", 0)
+    with ready_servo(name), pytest.raises(LinkBusy):
+        record_running(deployment, PUMA, PLAN, tmp_path / "run.mcap", 0)
     assert not (tmp_path / "run.mcap").exists()
 
 

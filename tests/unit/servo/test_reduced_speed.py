@@ -13,11 +13,12 @@ from hypothesis import strategies as st
 from qrobot import arcl, rccl, rci
 from qrobot.config import load_robot
 from qrobot.config.deployment import ServoChoice
-from qrobot.errors import ConfigError
+from qrobot.errors import ConfigError, TooFast
 from qrobot.faultcodes import FaultCode, explain
 from qrobot.modecodes import Mode
 from qrobot.model.arm import Arm
 from qrobot.model.chain import chain_params
+from qrobot.rccl.channel import Channel
 from qrobot.rig.lockstep import LockstepRig, link_factory
 from qrobot.servo.checks.tip_speed import check_tip_speed, tip_speed
 from qrobot.servo.settings import ServoSettings
@@ -61,11 +62,25 @@ def test_joints_that_keep_their_share_of_speed_keep_the_limit_of_the_tool(name: 
     assert speed_share(robot, tip, 0.0) == speed_share(robot, tip, 1e3) == 1.0
 
 
-def by_rccl() -> None:
+def by_rccl(set_speed: Callable[[Channel], object] = lambda _: None) -> None:
     with rccl.control(ROBOT.name) as arm:
         assert (arm.how.tool_speed_limit, 0 < arm.how.speed_limit < 0.5) == (LIMIT, True)
+        set_speed(arm)
         arm.move(arm.jposition("beside", np.degrees(ROBOT.poses["end"])))
         arm.waitfor(arm.completed)
+
+
+def straight(arm: Channel) -> None:
+    arm.setmode("c")
+    arm.setvel(400.0, 90.0)
+
+
+RCCL = {
+    "as it is": lambda _: None,
+    "joint speed": lambda arm: arm.setjvel(1.0),
+    "time": lambda arm: arm.setime(100, 400),
+    "tool speed": straight,
+}
 
 
 def by_arcl() -> None:
@@ -79,7 +94,7 @@ def by_arcl() -> None:
         forget_programs()
 
 
-@pytest.mark.parametrize("program", [by_rccl, by_arcl])
+@pytest.mark.parametrize("program", [*(partial(by_rccl, each) for each in RCCL.values()), by_arcl], ids=[*RCCL, "arcl"])
 def test_a_program_at_reduced_speed_goes_slowly_instead_of_being_stopped(program: Callable[[], None]) -> None:
     settings = ServoSettings(rate_hz=500.0, reduced_speed_m_s=LIMIT)
     rig = LockstepRig(ROBOT, settings, Emulator(ROBOT, physics="rigid", start=ROBOT.poses["end"] + 0.1))
@@ -91,6 +106,14 @@ def test_a_program_at_reduced_speed_goes_slowly_instead_of_being_stopped(program
     fastest = max(tip_speed(row["q_ref"].copy(), row["v_ref"].copy(), chain, tip) for row in rows[::50])
     assert 0.2 * LIMIT < fastest <= LIMIT
     assert rig.mailbox.snapshot().event == 0
+
+
+def test_what_full_speed_does_not_allow_is_refused_at_reduced_speed_too() -> None:
+    rig = LockstepRig(ROBOT, ServoSettings(rate_hz=500.0, reduced_speed_m_s=LIMIT), Emulator(ROBOT, physics="rigid"))
+    with rccl.use(partial(link_factory, rig, 28_000)), rccl.control(ROBOT.name) as arm:
+        arm.setjvel(2.0 * float(max(ROBOT.limits.v_max)))
+        with pytest.raises(TooFast):
+            arm.move(arm.pose("end"))
 
 
 def speed_at(bench: ServoBench) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
