@@ -250,8 +250,8 @@ class RobotCycle:
         if halted:
             self._heeds_stops = False
             chg.stop |= self.phase is not CyclePhase.POWERING  # where a stream has begun
-            what = "somebody has stopped the arm before it moved: restart the program when it may"
-            self._hooks.stopped(ServoFault(FaultCode.NONE, what, tuple(self._heard)))
+            what = "somebody has stopped the arm before it moved"
+            self._hooks.stopped(servo_fault(robot, what, self._heard, STOPPED_BY_HAND))
         elif robot.mode in FOLLOWED:
             self._heeds_stops = not (robot.halted or self._stop_said)
         return halted

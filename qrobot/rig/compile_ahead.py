@@ -31,13 +31,13 @@ from qrobot.servo.settings import ServoSettings
 from qrobot.servo.stages.inputs import read
 from qrobot.servo.stages.mode_machine import handle_requests
 from qrobot.servo.stages.torque_output import drive, write
-from qrobot.sim_board.board import accept_operations, publish_sample
+from qrobot.sim_board.board import accept_operations, take_sample
 from qrobot.sim_board.injection import apply_faults
 
 # Of servo and emulated board, the one that takes longest first: what `part_kernel` marks.
 PARTS: Final[tuple[Any, ...]] = (
     update_reference, check_inputs, read, drive, handle_requests,
-    accept_operations, write, publish_sample, apply_faults,
+    accept_operations, write, take_sample, apply_faults,
 )  # fmt: skip
 
 

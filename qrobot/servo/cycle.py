@@ -17,7 +17,7 @@ from qrobot.servo.calibration.procedure import IDLE, calibrate, leave_calibratio
 from qrobot.servo.checks.fault_monitors import watch_timing
 from qrobot.servo.event import report_fault
 from qrobot.servo.hold import hold_position
-from qrobot.servo.kernels.interpolator import reference, stop_profile
+from qrobot.servo.kernels.interpolator import reference, stop_profile, stop_way
 from qrobot.servo.memory.setpoint_queue import TORQUE_SETPOINT
 from qrobot.servo.modes import gives_torque
 from qrobot.servo.parameters import ServoParameters
@@ -32,7 +32,13 @@ from qrobot.servo.stages.mode_machine import apply_faults, finish_stop, handle_r
 from qrobot.servo.stages.override import take_override
 from qrobot.servo.stages.payload import carry_payload
 from qrobot.servo.stages.publish import publish
-from qrobot.servo.stages.setpoint_stream import advance_phase, frame_is_over, go_on_straight, take_frame
+from qrobot.servo.stages.setpoint_stream import (
+    advance_phase,
+    frame_is_over,
+    go_on_straight,
+    path_seconds,
+    take_frame,
+)
 from qrobot.servo.stages.torque_output import drive, write
 from qrobot.servo.state import (
     ServoState,
@@ -107,7 +113,7 @@ def update_reference(params: ServoParameters, state: ServoState, mail: Any, now_
     elif not gives_torque(mode):
         hold_position(state)  # without torque the reference is wherever the arm is
     elif mode == TRACKING:
-        advance_phase(state)
+        advance_phase(state, path_seconds(params, state))
         while frame_is_over(state):
             code, joint = take_frame(params, state, mail, now_ns)
             report_fault(state, code, joint)
@@ -115,10 +121,12 @@ def update_reference(params: ServoParameters, state: ServoState, mail: Any, now_
         follow_torque_joints(state)
         lead_by_hand(params, state, mail)
     elif mode == STOPPING:
-        left, slope = stop_profile((now_ns - state.stop_since_ns) * 1e-9, state.stop_seconds)
+        dt = path_seconds(params, state)
+        elapsed = (now_ns - state.stop_since_ns) * 1e-9
+        left, slope = stop_profile(elapsed, state.stop_seconds)
         state.rate = left * state.rate_at_stop
         state.rate_slope = slope * state.rate_at_stop
-        advance_phase(state)
+        state.phase += state.rate_at_stop * stop_way(elapsed, dt, state.stop_seconds)
         while frame_is_over(state):
             go_on_straight(params, state)
         follow_path(params, state, state.rate_slope)

@@ -304,9 +304,16 @@ def _status(register: Words, options: BoardOptions, memory: BoardMemory) -> int:
     return int(power | flags | register[REG_DISCRETE] & _SCRATCH | inputs | estop)
 
 
-@part_kernel
+@lean_kernel
 def publish_sample(board: BoardState, memory: BoardMemory, shaft: NDArray[np.float64], t_ns: int) -> None:
     """Sample the shafts (float64[6], counts from the encoder zero) at `t_ns` and publish the sixteen input words."""
+    if take_sample(board, memory, shaft, t_ns):
+        publish_image(memory, board.image)
+
+
+@part_kernel
+def take_sample(board: BoardState, memory: BoardMemory, shaft: NDArray[np.float64], t_ns: int) -> bool:
+    """Sample the shafts into the sixteen input words; whether the board shows them."""
     _count(board, shaft)
     _finish_conversion(board.register, board.upset.switch, t_ns)
     image, register, latch, counter = board.image, board.register, board.encoders.latch, board.encoders.counter
@@ -317,5 +324,4 @@ def publish_sample(board: BoardState, memory: BoardMemory, shaft: NDArray[np.flo
         image[IMAGE_ENC_COUNT + channel] = counter[channel]
     image[IMAGE_STATUS] = _status(register, board.options, memory)
     image[IMAGE_ADC_VALUE] = register[REG_ADC_VALUE]
-    if spoil_image(board.upset, memory, image):
-        publish_image(memory, image)
+    return spoil_image(board.upset, memory, image)

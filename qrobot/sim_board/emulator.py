@@ -27,6 +27,7 @@ from qrobot.sim_board.board import (
     accept_operations,
     make_board,
     publish_sample,
+    take_sample,
 )
 from qrobot.sim_board.drive import JointDrives, drive_torque, make_drive
 from qrobot.sim_board.encoder import COUNTER_MASK, make_encoders
@@ -79,6 +80,20 @@ def _come_to_rest(v: Floats) -> None:
 @lean_kernel
 def advance(bundle: EmulatorBundle, memory: BoardMemory, now_ns: int, sample_ns: int) -> None:
     """One plant step: apply what was posted until `now_ns`, move the arm, publish the image of `sample_ns`."""
+    _move(bundle, memory, now_ns)
+    publish_sample(bundle.board, memory, bundle.shaft, sample_ns)
+    memory.facts.now_ns = sample_ns
+
+
+@lean_kernel
+def advance_unseen(bundle: EmulatorBundle, memory: BoardMemory, now_ns: int, sample_ns: int) -> None:
+    """The same for a step of the past: who controls the arm would take its image for one of the present."""
+    _move(bundle, memory, now_ns)
+    take_sample(bundle.board, memory, bundle.shaft, sample_ns)
+
+
+@lean_kernel
+def _move(bundle: EmulatorBundle, memory: BoardMemory, now_ns: int) -> None:
     board, plant = bundle.board, bundle.plant
     apply_faults(board, memory, now_ns)
     accept_operations(board, memory, now_ns)
@@ -90,8 +105,6 @@ def advance(bundle: EmulatorBundle, memory: BoardMemory, now_ns: int, sample_ns:
     step_plant(plant)
     sense_wrist(bundle.wrist, board.analog.external)
     turn_shafts(bundle)
-    publish_sample(board, memory, bundle.shaft, sample_ns)
-    memory.facts.now_ns = sample_ns
 
 
 @lean_kernel

@@ -32,7 +32,7 @@ from qrobot.realtime.setup import set_fifo, tighten_timers
 from qrobot.realtime.signals import set_on_signals
 from qrobot.realtime.startup_order import await_turn
 from qrobot.sim_board.common_time import held_ns, slipped_beside_ns
-from qrobot.sim_board.emulator import Emulator, EmulatorBundle, advance
+from qrobot.sim_board.emulator import Emulator, EmulatorBundle, advance, advance_unseen
 from qrobot.units import NS_PER_MS
 
 CATCH_UP_NS: Final = 100_000_000
@@ -81,11 +81,15 @@ def run_board(bundle: EmulatorBundle, memory: BoardMemory, orders: Words, slips:
 
 @lean_kernel
 def catch_up(bundle: EmulatorBundle, memory: BoardMemory, due_ns: int, now_ns: int) -> None:
-    """All steps from `due_ns` up to `now_ns`; those of the past take no operation posted later than their time."""
-    while due_ns <= now_ns:
-        in_the_past = due_ns + bundle.period_ns <= now_ns
-        advance(bundle, memory, due_ns if in_the_past else now_ns, due_ns)
+    """All steps from `due_ns` up to `now_ns`; those of the past take no operation posted later than their time.
+
+    Only the last one is shown: its image is of the present.
+    """
+    while due_ns + bundle.period_ns <= now_ns:
+        advance_unseen(bundle, memory, due_ns, due_ns)
         due_ns += bundle.period_ns
+    if due_ns <= now_ns:
+        advance(bundle, memory, now_ns, due_ns)
 
 
 class EmulatedBoardServer:

@@ -123,9 +123,9 @@ class DrivesBus:
             self._setpoints.take(kind, offset, value)
             if kind == OP_WRITE:
                 self._write(offset, value)
-        asked_ns, answered_ns = self._ask_all()
+        sampled_ns = self._ask_all()
         self._judge_power()
-        self._fill(image, answered_ns if self._virtual_time else (asked_ns + answered_ns) // 2)
+        self._fill(image, sampled_ns)
 
     def close(self) -> None:
         """Let go of the interface; the drives notice by their own time-out."""
@@ -133,17 +133,20 @@ class DrivesBus:
 
     # ------------------------------------------------------------------------------------------------------ inside
 
-    def _ask_all(self) -> tuple[int, int]:
-        """Exchange with every drive; when that was, ns. Where one fails the others are let go."""
+    def _ask_all(self) -> int:
+        """Exchange with every drive; when they sampled, ns. Where one fails the others are let go.
+
+        That is at SYNC: an answer that is read late, because this process was held up meanwhile, tells of then.
+        """
         try:
             self.link.drain()  # what a drive has told unasked, or too late, is older than what it is asked for now
-            asked_ns = self._now_ns()
             self._transmit()
+            sampled_ns = self._now_ns()
             self._collect()
         except (LinkError, ProtocolError):
             self._let_go(self._known)
             raise
-        return asked_ns, self._now_ns()
+        return self._now_ns() if self._virtual_time else sampled_ns
 
     def _identify(self) -> None:
         """See that every node is a drive; each that is known only now is let go at once, for another may be silent."""

@@ -141,3 +141,20 @@ def stop_profile(elapsed: float, duration: float) -> tuple[float, float]:
     left = 1.0 - x * x * x * (10.0 + x * (-15.0 + 6.0 * x))
     slope = -30.0 * x * x * (1.0 - x) * (1.0 - x) / duration
     return left, slope
+
+
+@lean_kernel
+def stop_way(elapsed: float, dt: float, duration: float) -> float:
+    """Integral of `stop_profile` over the last `dt` of `elapsed` seconds, s; the rate is full before the stop began.
+
+    However long a cycle takes, its stop goes as far as that of a punctual one.
+    """
+    begun = max(0.0, elapsed - dt)
+    return max(0.0, dt - elapsed) + duration * (_stop_area(elapsed / duration) - _stop_area(begun / duration))
+
+
+@lean_kernel
+def _stop_area(x: float) -> float:
+    """Integral of the share that is left, from 0 to `x` of the stop's duration."""
+    x = min(x, 1.0)
+    return x * (1.0 + x * x * x * (-2.5 + x * (3.0 - x)))

@@ -85,6 +85,17 @@ def peek_frame(mail: Any, frame: QueuedFrame) -> bool:
 
 
 @lean_kernel
+def newest_arrival_ns(mail: Any, stream: int) -> int:
+    """Consumer: when the newest frame came, if it waits and is of that stream; else 0."""
+    queue = mail.queue
+    head = load_acquire(queue, "head")
+    if not 0 < head - queue.tail <= QUEUE_CAPACITY:
+        return 0
+    newest = queue.ring[(head - 1) % QUEUE_CAPACITY]
+    return int(newest.t_ns) if newest.stream == stream else 0
+
+
+@lean_kernel
 def drop_frame(mail: Any) -> None:
     """Consumer: remove the oldest frame, which `peek_frame` has shown to exist."""
     store_release(mail.queue, "tail", mail.queue.tail + 1)

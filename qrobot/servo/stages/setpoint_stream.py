@@ -30,6 +30,7 @@ from qrobot.servo.memory.setpoint_queue import (
     TORQUE_SETPOINT,
     drop_all_frames,
     drop_frame,
+    newest_arrival_ns,
     peek_frame,
 )
 from qrobot.servo.parameters import ServoParameters
@@ -253,17 +254,29 @@ def longest_silence(frame_ns: int, cycle_ns: int) -> int:
 
 @lean_kernel
 def stream_silent(params: ServoParameters, state: ServoState, mail: Any, now_ns: int) -> bool:
-    """True when nothing has arrived for longer than one lost frame explains."""
-    newest = state.last_arrival_ns
-    if peek_frame(mail, state.frame):
-        newest = max(newest, state.frame.t_ns)
+    """True when nothing has arrived for longer than one lost frame explains; what waits has arrived."""
+    newest = max(state.last_arrival_ns, newest_arrival_ns(mail, state.stream))
     return bool(now_ns - newest > longest_silence(state.frame_ns, params.period_ns))
 
 
 @lean_kernel
-def advance_phase(state: ServoState) -> None:
+def path_seconds(params: ServoParameters, state: ServoState) -> float:
+    """Seconds by which the path goes on in this cycle: as many as have passed since the one before.
+
+    Drives that close the position loop have stood meanwhile at their last reference: after a long cycle they are led on
+    from there, by two periods, and the path is as much later.
+    """
+    most = 2.0 * params.period_ns * 1e-9
+    if params.position_drives == 0 or state.dt <= most:
+        return state.dt
+    state.stop_since_ns += int((state.dt - most) * 1e9)
+    return most
+
+
+@lean_kernel
+def advance_phase(state: ServoState, dt: float) -> None:
     """Move along the path by one tick."""
-    state.phase += state.rate * state.dt
+    state.phase += state.rate * dt
 
 
 @lean_kernel

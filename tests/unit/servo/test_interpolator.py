@@ -19,6 +19,7 @@ from qrobot.servo.kernels.interpolator import (
     shift_in,
     stop_duration,
     stop_profile,
+    stop_way,
 )
 
 Vector = NDArray[np.float64]
@@ -177,6 +178,21 @@ def test_the_stop_profile_is_over_at_its_duration() -> None:
     assert stop_profile(0.0, 0.5) == (1.0, 0.0)
     assert stop_profile(0.5, 0.5) == (0.0, 0.0)
     assert stop_profile(float("nan"), 0.5) == (0.0, 0.0)
+
+
+@given(st.floats(0.05, 3.0), st.lists(st.floats(1e-4, 0.7), min_size=1, max_size=40))
+def test_a_stop_goes_as_far_whatever_cycles_it_is_cut_into(duration: float, cycles: list[float]) -> None:
+    """The first one may have begun before the stop did, and the last one may end after it."""
+    elapsed, way, before = 0.0, 0.0, min(0.5, cycles[0]) * cycles[0]
+    for k, dt in enumerate(cycles):
+        elapsed += dt - (before if k == 0 else 0.0)
+        way += stop_way(elapsed, dt, duration)
+    points, weights = np.polynomial.legendre.leggauss(4)  # exact for the quintic
+    half = 0.5 * min(elapsed, duration)
+    expected = before + half * sum(
+        w * stop_profile(half * (1.0 + x), duration)[0] for x, w in zip(points, weights, strict=True)
+    )
+    assert way == pytest.approx(expected, abs=1e-9)
 
 
 def test_no_joint_decelerates_harder_than_allowed_and_the_slowest_decides() -> None:

@@ -14,7 +14,7 @@ from qrobot.modecodes import Mode
 from qrobot.model.transmission import counts_to_joint, transmission_params
 from qrobot.servo.parameters import servo_parameters
 from qrobot.servo.settings import ServoSettings
-from tests.support.servo_bench import ServoBench
+from tests.support.servo_bench import ServoBench, moving
 
 ROBOT = load_robot("puma560")
 
@@ -31,6 +31,25 @@ def test_the_reference_is_posted_as_counters_with_a_fraction_and_no_torque_is(be
     counts_to_joint(posted, transmission_params(ROBOT), q)  # type: ignore[arg-type]
     np.testing.assert_allclose(q, bench.state.q_ref, rtol=0.0, atol=1e-8)
     assert (bench.dac[: ROBOT.n] == DAC_ZERO).all()
+
+
+@pytest.mark.parametrize("stopping", [False, True])
+def test_drives_that_stood_while_their_servo_slept_are_led_on_from_there(stopping: bool) -> None:
+    """A reference of now would be a step of all the way that the path has gone meanwhile."""
+    bench, speed = ServoBench(position_drives=True), 0.5
+    moving(bench, speed)
+    if stopping:
+        bench.mailbox.request_stop()
+        bench.run(0.01)
+    before = bench.state.q_ref[0]
+    bench.skip(30)
+    bench.tick()
+    assert 0.0 < bench.state.q_ref[0] - before < 2.1 * speed * bench.settings.period_ns * 1e-9
+    assert bench.event is FaultCode.NONE
+    bench.run(3.0)
+    assert bench.mode is (Mode.HOLDING if stopping else Mode.TRACKING)
+    steps = np.abs(np.diff(bench.rows()["q_ref"][:, 0]))
+    assert steps.max() < 2.1 * speed * bench.settings.period_ns * 1e-9
 
 
 def test_an_arm_that_no_torque_explains_is_no_fault(bench: ServoBench) -> None:

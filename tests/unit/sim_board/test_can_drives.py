@@ -27,6 +27,7 @@ from qrobot.hwif.canbus.ds402 import (
     towards_operation,
 )
 from qrobot.hwif.gateway import Gateway
+from qrobot.hwif.image import IMAGE_T_NS
 from qrobot.hwif.operations import OP_WRITE
 from qrobot.hwif.registers import (
     DAC,
@@ -54,6 +55,7 @@ ON: Row = (OP_WRITE, DISCRETE, DISCRETE_POWER)
 OFF: Row = (OP_WRITE, DISCRETE, 0)
 OVERCURRENT = 0x2310
 IO_PROFILE = 401
+START_NS = 1_000_000_000
 STEPS_UP = 4  # exchanges: three transitions, and one that shows the last
 
 
@@ -62,6 +64,23 @@ def drives() -> Iterator[Drives]:
     with served(BenchEndpoint()) as drives:
         drives.bus.connect()
         yield drives
+
+
+def test_an_answer_that_is_read_late_tells_of_the_time_at_which_the_drives_sampled(
+    drives: Drives, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Half of the delay in the stamp would be a speed that is half as high, and then one that is too high."""
+    now_ns, collect = [START_NS], drives.bus._collect
+
+    def collect_late() -> None:
+        now_ns[0] += 8_000_000
+        collect()
+
+    monkeypatch.setattr(drives.bus, "_virtual_time", False)
+    monkeypatch.setattr(drives.bus, "_now_ns", lambda: now_ns[0])
+    monkeypatch.setattr(drives.bus, "_collect", collect_late)
+    drives.exchange()
+    assert drives.image[IMAGE_T_NS] == START_NS
 
 
 def test_a_drive_comes_up_by_the_control_words_that_its_status_asks_for() -> None:

@@ -96,7 +96,10 @@ def test_a_board_that_catches_up_applies_each_write_from_its_own_time_on() -> No
     for after_ns, torque in words:
         rows = [(OP_WRITE, DAC, DAC_ZERO + round(torque * PUMA.transmission.dac_per_Nm[0]))]
         post_operations(late.memory, Lane.SERVO, rows_of(rows), 1, late.t_ns + after_ns)
+    shown = int(late.memory.shown.sequence)
     catch_up(late.emulator.bundle, late.memory, late.t_ns + STEP_NS, late.t_ns + 20 * MS)
+    assert late.memory.shown.sequence == shown + 2  # one image alone is shown, that of the present
+    assert late.memory.shown.image[IMAGE_T_NS] == late.t_ns + 20 * MS
     for step in range(1, 81):
         for after_ns, torque in words:
             if after_ns == step * STEP_NS:

@@ -173,7 +173,7 @@ static int was_stopped(struct cycle *c, const struct qrobot_state *s, const char
     int halted = (s->flags & QROBOT_FLAG_HALTED) != 0;
 
     if (halted && c->heeds_stops && carries(s))
-        *failed = because("somebody has stopped the arm before it moved: restart the program when it may");
+        *failed = gave_up_or(s, "somebody has stopped the arm before it moved", STOPPED_BY_HAND);
     else if (s->mode == QROBOT_MODE_HOLDING || s->mode == QROBOT_MODE_TRACKING)
         c->heeds_stops = !halted; /* it may tell of an older one: what comes after an answer without any is news */
     return *failed != NULL;
