@@ -26,7 +26,7 @@ def schema_name(n: int) -> str:
 def ros2msg(n: int) -> str:
     """ROS 2 message definition."""
     return (
-        "int64 t_ns  # planned time of the first cycle under this law, ns on the servo's clock; 0 from the start\n"
+        "int64 t_ns  # time of the first cycle under this law, ns on the servo's clock; 0 from the start\n"
         "int64 tick  # its number\n"
         f"float64[{n}] kp  # N m/rad or N/m\n"
         f"float64[{n}] kv  # N m s/rad or N s/m\n"

@@ -1,7 +1,7 @@
 """One log file: rows of telemetry as ROS 2 messages in MCAP, by foxglove-sdk.
 
 A message is a row with a four-byte header in front (see `servo.memory.telemetry`); its log time is the wall clock at
-the planned time of its cycle, which on the servo's monotonic clock stands in the row. Topic /servo/tick carries the
+the time of its cycle, which on the servo's monotonic clock stands in the row. Topic /servo/tick carries the
 rows, /servo/law what law is in force, /servo/log_status what was lost; see `arm_view` for the others. A chunk is closed
 at each flush, and a reader can use every closed chunk of a file that was cut short (the MCAP specification, "Chunk").
 """

@@ -40,7 +40,6 @@ START_S: Final = 0.5  # for the servo to follow a stream that began
 MOST_STARTS: Final = 5  # [A] streams that begin one after another, because the arm has not moved in the one before
 TRACE_SAMPLES: Final = 36  # a second at 28 ms, for the report of a fault
 UNPOWERED: Final = frozenset({Mode.OFF, Mode.FAULT})
-FOLLOWED: Final = frozenset({Mode.HOLDING, Mode.TRACKING})  # by the setpoints of a stream, or of the one that begins
 SERVO_AWAY: Final = "bridge or servo was away, or the program was held, while the arm was off its path"
 STOPPED_BY_HAND: Final = "no fault; somebody told it to, or took its power away"
 _SEQ_MODULUS: Final = 1 << 32
@@ -252,8 +251,9 @@ class RobotCycle:
             chg.stop |= self.phase is not CyclePhase.POWERING  # where a stream has begun
             what = "somebody has stopped the arm before it moved"
             self._hooks.stopped(servo_fault(robot, what, self._heard, STOPPED_BY_HAND))
-        elif robot.mode in FOLLOWED:
-            self._heeds_stops = not (robot.halted or self._stop_said)
+        elif robot.mode is Mode.HOLDING or self.phase is not CyclePhase.POWERING:
+            # The first answer may be older than the stop by which the program before has let go of the arm.
+            self._heeds_stops = self.samples > 1 and not (robot.halted or self._stop_said)
         return halted
 
     def _power(self, robot: RobotState, chg: Chg, now_ns: int) -> None:

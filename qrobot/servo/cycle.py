@@ -36,8 +36,8 @@ from qrobot.servo.stages.setpoint_stream import (
     advance_phase,
     frame_is_over,
     go_on_straight,
-    path_seconds,
     take_frame,
+    take_path_time,
 )
 from qrobot.servo.stages.torque_output import drive, write
 from qrobot.servo.state import (
@@ -113,7 +113,7 @@ def update_reference(params: ServoParameters, state: ServoState, mail: Any, now_
     elif not gives_torque(mode):
         hold_position(state)  # without torque the reference is wherever the arm is
     elif mode == TRACKING:
-        advance_phase(state, path_seconds(params, state))
+        advance_phase(state, take_path_time(params, state))
         while frame_is_over(state):
             code, joint = take_frame(params, state, mail, now_ns)
             report_fault(state, code, joint)
@@ -121,7 +121,7 @@ def update_reference(params: ServoParameters, state: ServoState, mail: Any, now_
         follow_torque_joints(state)
         lead_by_hand(params, state, mail)
     elif mode == STOPPING:
-        dt = path_seconds(params, state)
+        dt = take_path_time(params, state)
         elapsed = (now_ns - state.stop_since_ns) * 1e-9
         left, slope = stop_profile(elapsed, state.stop_seconds)
         state.rate = left * state.rate_at_stop

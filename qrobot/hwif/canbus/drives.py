@@ -74,7 +74,7 @@ class DrivesBus:
 
     Args:
         transport: where they are, and what their numbers mean.
-        clock: time of an image, ns, once it has come; by default the middle between asking and answer.
+        clock: time of an image, ns, once it has come; by default that of SYNC.
         patience_ms: the answer to a SYNC is waited for no longer, whatever the transport says: all drives keep their
             last torque as long.
         report: takes a line when one drive is the reason that all are switched off, or that power does not come on.
@@ -142,6 +142,7 @@ class DrivesBus:
             self.link.drain()  # what a drive has told unasked, or too late, is older than what it is asked for now
             self._transmit()
             sampled_ns = self._now_ns()
+            self.link.send(SYNC, b"")
             self._collect()
         except (LinkError, ProtocolError):
             self._let_go(self._known)
@@ -201,7 +202,6 @@ class DrivesBus:
         for channel, (node, drive) in enumerate(zip(self._transport.nodes, self._drives, strict=True)):
             setpoint = self._setpoints.value(channel, drive, driven)
             self.link.send(RPDO[0] + node, self._setpoints.frame.pack(self._control(node, wanted), setpoint))
-        self.link.send(SYNC, b"")
 
     @property
     def _wants_power(self) -> bool:

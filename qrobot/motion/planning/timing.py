@@ -108,6 +108,8 @@ class Scheduler:
         transition = max(min(resting, most), least)
         while True:  # all transitions only grow, and what they need is bounded by the speed asked for
             length = max(asked, transition + max(resting, turning))
+            if self.limits.reduction < 1.0:  # what was stretched lies at the limit: each setpoint is to keep it
+                length = max(length, self._least(geometry, transition))
             seconds = length * self.period_s
             entering, least_resting = (
                 self.needed(geometry.leaving(seconds) - v0),

@@ -63,7 +63,8 @@ def watch_timing(params: ServoParameters, state: ServoState, dt_ns: int, late: b
         return
     skipped = skipped_points(dt_ns, params.period_ns)
     missed = skipped + (1 if late else 0)
-    watch.late_row = watch.late_row + 1 if missed > 0 else 0
+    in_a_row = 2 if late and state.skipped_ns > 0 else 1  # the late one, and those it was too late for
+    watch.late_row = watch.late_row + in_a_row if missed > 0 else 0
     watch.points += 1 + skipped
     watch.misses_seen += missed
     code = check_overrun(watch.late_row, limits.misses_in_a_row, watch.misses_seen, limits.misses_allowed)

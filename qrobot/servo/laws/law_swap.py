@@ -51,7 +51,7 @@ class SwapState:
     result: int = 0  # what became of it
     next_law_at: int = 0  # address of the law asked for
     done_tick: int = 0  # the cycle that dealt with it
-    done_t_ns: int = 0  # planned time of that cycle
+    done_t_ns: int = 0  # time of that cycle
     last_law_at: int = 0  # address of the law before the one in force, 0 for none
     first_law_at: int = 0  # address of the first law, behind which there is none
     compliant: int = 0  # 1: the law in force lets the arm give way

@@ -260,16 +260,16 @@ def stream_silent(params: ServoParameters, state: ServoState, mail: Any, now_ns:
 
 
 @lean_kernel
-def path_seconds(params: ServoParameters, state: ServoState) -> float:
+def take_path_time(params: ServoParameters, state: ServoState) -> float:
     """Seconds by which the path goes on in this cycle: as many as have passed since the one before.
 
     Drives that close the position loop have stood meanwhile at their last reference: after a long cycle they are led on
-    from there, by two periods, and the path is as much later.
+    from there, by two periods, and the path, with a stop that has begun, is as much later.
     """
     most = 2.0 * params.period_ns * 1e-9
     if params.position_drives == 0 or state.dt <= most:
         return state.dt
-    state.stop_since_ns += int((state.dt - most) * 1e9)
+    state.stop_since_ns = min(state.stop_since_ns + int((state.dt - most) * 1e9), state.t_ns)
     return most
 
 

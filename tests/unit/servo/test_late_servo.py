@@ -107,7 +107,7 @@ def test_a_stop_that_its_servo_sleeps_through_goes_on_where_it_would_have_been(l
     np.testing.assert_allclose(rows["q_ref"][-1], other.rows()["q_ref"][-1], atol=1e-6)
 
 
-@pytest.mark.parametrize("late_ms", [50, 60, 75, 90])
+@pytest.mark.parametrize("late_ms", [70, 80, 90])
 def test_frames_that_came_while_their_servo_slept_are_no_lost_stream(late_ms: int) -> None:
     period_s = 0.028
     rig, send = moving_arm(period_s)

@@ -18,7 +18,9 @@ from qrobot.faultcodes import FaultCode, explain
 from qrobot.modecodes import Mode
 from qrobot.model.arm import Arm
 from qrobot.model.chain import chain_params
+from qrobot.motion import Termination
 from qrobot.rccl.channel import Channel
+from qrobot.rccl.transforms import made_transform
 from qrobot.rig.lockstep import LockstepRig, link_factory
 from qrobot.servo.checks.tip_speed import check_tip_speed, tip_speed
 from qrobot.servo.settings import ServoSettings
@@ -70,16 +72,29 @@ def by_rccl(set_speed: Callable[[Channel], object] = lambda _: None) -> None:
         arm.waitfor(arm.completed)
 
 
-def straight(arm: Channel) -> None:
-    arm.setmode("c")
-    arm.setvel(400.0, 90.0)
-
-
 RCCL = {
     "as it is": lambda _: None,
     "joint speed": lambda arm: arm.setjvel(1.0),
     "time": lambda arm: arm.setime(100, 400),
-    "tool speed": straight,
+}
+
+
+def straight(set_speed: Callable[[Channel], object], mm: float) -> None:
+    """By Cartesian motions, whose every setpoint is judged."""
+    with rccl.control(ROBOT.name) as arm:
+        here = made_transform("HERE", "const", Arm(ROBOT).forward(np.array(arm.how.q_setpoint)))
+        up = rccl.gentr_trsl("UP", 0.0, 0.0, mm)
+        beside = rccl.makeposition("BESIDE", rccl.t6, rccl.EQ, up, here, rccl.TL, rccl.t6)
+        arm.setmode("cartesian")
+        set_speed(arm)
+        arm.move(beside)
+        arm.waitfor(arm.completed)
+        assert beside.code == Termination.COMPLETED
+
+
+STRAIGHT = {"tool speed": lambda arm: arm.setvel(400.0, 90.0)} | {
+    f"{ta} and {ts} ms": partial(lambda arm, ta, ts: arm.setime(ta, ts), ta=ta, ts=ts)
+    for ta, ts in ((28, 280), (56, 420), (100, 400), (100, 700))
 }
 
 
@@ -96,6 +111,17 @@ def by_arcl() -> None:
 
 @pytest.mark.parametrize("program", [*(partial(by_rccl, each) for each in RCCL.values()), by_arcl], ids=[*RCCL, "arcl"])
 def test_a_program_at_reduced_speed_goes_slowly_instead_of_being_stopped(program: Callable[[], None]) -> None:
+    assert 0.2 * LIMIT < fastest_tip_of(program) <= LIMIT
+
+
+@pytest.mark.parametrize("mm", [15.0, 26.0, 40.0])
+@pytest.mark.parametrize("set_speed", STRAIGHT.values(), ids=STRAIGHT)
+def test_so_does_a_straight_motion_to_its_end(set_speed: Callable[[Channel], object], mm: float) -> None:
+    assert fastest_tip_of(partial(straight, set_speed, mm)) <= LIMIT
+
+
+def fastest_tip_of(program: Callable[[], None]) -> float:
+    """Run it at reduced speed, which nothing may end; m/s."""
     settings = ServoSettings(rate_hz=500.0, reduced_speed_m_s=LIMIT)
     rig = LockstepRig(ROBOT, settings, Emulator(ROBOT, physics="rigid", start=ROBOT.poses["end"] + 0.1))
     links = partial(link_factory, rig, 28_000)
@@ -103,9 +129,8 @@ def test_a_program_at_reduced_speed_goes_slowly_instead_of_being_stopped(program
         program()
     rows, tip = rig.rows(), tuple(np.array(rig.params.tip))
     chain = chain_params(ROBOT)
-    fastest = max(tip_speed(row["q_ref"].copy(), row["v_ref"].copy(), chain, tip) for row in rows[::50])
-    assert 0.2 * LIMIT < fastest <= LIMIT
     assert rig.mailbox.snapshot().event == 0
+    return max(tip_speed(row["q_ref"].copy(), row["v_ref"].copy(), chain, tip) for row in rows[::50])
 
 
 def test_what_full_speed_does_not_allow_is_refused_at_reduced_speed_too() -> None:

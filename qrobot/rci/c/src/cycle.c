@@ -96,6 +96,7 @@ void rci_cycle_hear(RCI_TASK *td)
         c->said.outputs = s->outputs;
     }
     c->has_state = 1;
+    c->heard++;
 }
 
 /* The servo carries the arm, or brings it to rest. */
@@ -174,8 +175,9 @@ static int was_stopped(struct cycle *c, const struct qrobot_state *s, const char
 
     if (halted && c->heeds_stops && carries(s))
         *failed = gave_up_or(s, "somebody has stopped the arm before it moved", STOPPED_BY_HAND);
-    else if (s->mode == QROBOT_MODE_HOLDING || s->mode == QROBOT_MODE_TRACKING)
-        c->heeds_stops = !halted; /* it may tell of an older one: what comes after an answer without any is news */
+    else if (s->mode == QROBOT_MODE_HOLDING || c->phase != POWERING)
+        /* It may tell of an older one: what comes after an answer without any is news. The first may be older itself. */
+        c->heeds_stops = c->heard > 1 && !halted;
     return *failed != NULL;
 }
 

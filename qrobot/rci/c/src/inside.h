@@ -37,6 +37,7 @@ struct cycle {
     int event_before;              /* told before power was asked for */
     int powering;                  /* power was seen to come on, whoever had asked for it */
     int carried;                   /* the arm has held: an end of its power is told */
+    long heard;                    /* states */
     int heeds_stops;               /* that somebody asks for: the arm was taken, and none was told of since */
     uint32_t stream;
     RCI_CHG said;                  /* in the command before */
