@@ -46,6 +46,10 @@ POWER_PATIENCE_S: Final = 6.0
 STOP_PATIENCE_S: Final = 6.0
 POLL_S: Final = 0.02
 RESUMED_S: Final = 0.5  # [A] twice as long as a servo tells of a pause that ends
+_OTHERS: Final = (
+    "the servo of {arm} obeys the account that serves it, and root: stop the arm by its program, by a pendant of your"
+    " own, or by its emergency stop"
+)
 POWERED_MODES: Final = ("HOLDING", "UNCALIBRATED", "CALIBRATING", "TRACKING")
 
 
@@ -227,6 +231,8 @@ class ServoClient:
         try:
             self._await_room()
             self._broken_off = False
+        except PermissionError:
+            raise LinkError(_OTHERS.format(arm=self.arm)) from None
         except OSError:
             raise LinkError(_nobody(self.arm)) from None
         finally:

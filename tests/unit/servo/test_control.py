@@ -717,6 +717,15 @@ def test_without_a_servo_the_client_says_what_to_start() -> None:
         ServoClient("nobody")
 
 
+def test_to_whom_a_servo_of_another_account_refuses_itself_that_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*_: object) -> None:
+        raise PermissionError(errno.EACCES, "its folder is of others")
+
+    monkeypatch.setattr("qrobot.servo.operator.client.connect_to_servo", refuse)
+    with pytest.raises(LinkError, match="the servo of left obeys the account that serves it"):
+        ServoClient("left")
+
+
 def test_a_client_of_an_arm_without_a_servo_is_told_which_arms_have_one(runtime_folder: Path) -> None:
     assert arms_that_run() == []
     with ControlSocket("right", print, print), ControlSocket("left", print, print):  # type: ignore[arg-type]
