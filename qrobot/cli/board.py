@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Final, Literal
 
 from cyclopts import App, Parameter
 
@@ -24,6 +24,8 @@ from qrobot.report import QueuedReport
 
 if TYPE_CHECKING:
     from qrobot.hwif.board_memory import BoardSegment
+
+GATEWAY_PRIORITY: Final = 70  # below the servo's, which waits for nobody; above an emulated board's
 
 app = App(name="board", help_format="plaintext", group_commands="Commands")
 app.command(check)
@@ -128,6 +130,20 @@ def refuse_options(arm: DeployedArm, **options: object) -> None:
         raise ConfigError(f"{given}: only for an emulated board, and that of {arm.name} is of kind {arm.board.kind!r}")
 
 
+@contextmanager
+def _hard_to_delay() -> Iterator[None]:
+    """Let few others delay this thread, where that is allowed: what it reads late is of a time that has passed."""
+    from qrobot.realtime.setup import freeze_garbage, leave_fifo, set_fifo, tighten_timers
+
+    freeze_garbage()
+    tighten_timers()
+    set_fifo(GATEWAY_PRIORITY)
+    try:
+        yield
+    finally:
+        leave_fifo()
+
+
 def run_gateway(arm: DeployedArm, record: Path | None = None) -> None:
     """The gateway process of a board that is elsewhere.
 
@@ -147,9 +163,10 @@ def run_gateway(arm: DeployedArm, record: Path | None = None) -> None:
         bus, period_ns, module_losses = open_transport(arm.board, report, arm.servo.board_timeout_ms)
         held = sum(1 << each.bit for each in arm.board.outputs if each.on_stop == "hold")
         if record is None:
-            serve(arm.name, bus, period_ns, report, module_losses, held, needed)
+            with _hard_to_delay():
+                serve(arm.name, bus, period_ns, report, module_losses, held, needed)
             return
-        with BusRecorder(bus, record) as recorder:
+        with BusRecorder(bus, record) as recorder, _hard_to_delay():
             serve(arm.name, recorder, period_ns, report, module_losses, held, needed)
         if recorder.problem:
             report(f"{record} is not complete: {recorder.problem}")

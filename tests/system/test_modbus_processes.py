@@ -6,6 +6,7 @@ import os
 import re
 import shutil
 import subprocess
+import sys
 import uuid
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -14,6 +15,7 @@ from pathlib import Path
 
 import pytest
 
+from qrobot.cli.board import GATEWAY_PRIORITY
 from qrobot.cli.console import run_app
 from qrobot.cli.main import make_app
 from qrobot.errors import LinkBusy
@@ -132,6 +134,12 @@ def test_a_board_that_somebody_here_controls_is_not_served(served: Served, capsy
     killed.path.unlink(missing_ok=True)
 
 
+def may_be_real_time() -> bool:
+    """Whether this machine lets a process of this account have a real-time priority."""
+    ask = f"import os; os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param({GATEWAY_PRIORITY}))"
+    return subprocess.run([sys.executable, "-c", ask], capture_output=True, check=False).returncode == 0
+
+
 def test_a_gateway_process_is_the_board_of_its_arm_and_follows_the_server(served: Served) -> None:
     arm = f"near{uuid.uuid4().hex[:8]}"
     table = f"{{ port = {served.port}, period_ms = {PERIOD_MS}, timeout_ms = 500.0 }}"
@@ -144,6 +152,8 @@ def test_a_gateway_process_is_the_board_of_its_arm_and_follows_the_server(served
         assert fetch_image(memory.memory, image)
         first = int(image[IMAGE_COUNT])
         wait_until(lambda: fetch_image(memory.memory, image) and image[IMAGE_COUNT] >= first + 20, "images come")
+    policy = os.sched_getscheduler(served.rig.children["near"].process.pid) & ~os.SCHED_RESET_ON_FORK
+    assert (policy == os.SCHED_FIFO) is may_be_real_time()
     other = ModbusBus(ModbusLine("127.0.0.1", served.port, timeout_s=1.0))
     with pytest.raises(LinkBusy, match="another client has the control"):
         other.connect()
