@@ -130,20 +130,6 @@ def refuse_options(arm: DeployedArm, **options: object) -> None:
         raise ConfigError(f"{given}: only for an emulated board, and that of {arm.name} is of kind {arm.board.kind!r}")
 
 
-@contextmanager
-def _hard_to_delay() -> Iterator[None]:
-    """Let few others delay this thread, where that is allowed: what it reads late is of a time that has passed."""
-    from qrobot.realtime.setup import freeze_garbage, leave_fifo, set_fifo, tighten_timers
-
-    freeze_garbage()
-    tighten_timers()
-    set_fifo(GATEWAY_PRIORITY)
-    try:
-        yield
-    finally:
-        leave_fifo()
-
-
 def run_gateway(arm: DeployedArm, record: Path | None = None) -> None:
     """The gateway process of a board that is elsewhere.
 
@@ -153,6 +139,7 @@ def run_gateway(arm: DeployedArm, record: Path | None = None) -> None:
     from qrobot.hwif.gateway import serve
     from qrobot.hwif.recorder import BusRecorder
     from qrobot.hwif.transports import open_transport
+    from qrobot.realtime.setup import hard_to_delay
     from qrobot.realtime.startup_order import await_turn
     from qrobot.servo.memory.servo_memory import arm_is_driven
 
@@ -163,10 +150,10 @@ def run_gateway(arm: DeployedArm, record: Path | None = None) -> None:
         bus, period_ns, module_losses = open_transport(arm.board, report, arm.servo.board_timeout_ms)
         held = sum(1 << each.bit for each in arm.board.outputs if each.on_stop == "hold")
         if record is None:
-            with _hard_to_delay():
+            with hard_to_delay(GATEWAY_PRIORITY):
                 serve(arm.name, bus, period_ns, report, module_losses, held, needed)
             return
-        with BusRecorder(bus, record) as recorder, _hard_to_delay():
+        with BusRecorder(bus, record) as recorder, hard_to_delay(GATEWAY_PRIORITY):
             serve(arm.name, recorder, period_ns, report, module_losses, held, needed)
         if recorder.problem:
             report(f"{record} is not complete: {recorder.problem}")

@@ -38,7 +38,7 @@ def bridge(deployment: str = DEFAULT_DEPLOYMENT, *, arm: str | None = None, port
     from qrobot.rccl_bridge.server import run_bridge
     from qrobot.rccl_bridge.servo_port import ServoPort
     from qrobot.rccl_bridge.settings import BridgeSettings
-    from qrobot.realtime.setup import freeze_garbage, leave_fifo, set_fifo
+    from qrobot.realtime.setup import hard_to_delay, set_fifo
     from qrobot.realtime.startup_order import await_turn
     from qrobot.servo.memory.commander_lock import Authority
 
@@ -53,19 +53,17 @@ def bridge(deployment: str = DEFAULT_DEPLOYMENT, *, arm: str | None = None, port
     with QueuedReport(note, lambda: set_fifo(PRIORITY)) as told:  # frames wait for the lock that its thread may hold
         logging.basicConfig(level=logging.INFO, format="%(message)s", handlers=[ReportHandler(told)])
         warm_up()
-        freeze_garbage()  # a search among all modules' objects would hold up frames
         await_turn()
-        set_fifo(PRIORITY)  # frames keep their beat beside busy ordinary programs; refused without the right to it
-        run_bridge(
-            ServoPort(chosen.name, robot.name, robot.n, PayloadJudge(robot)),
-            settings,
-            lambda host, number: told(
-                f"bridge of {chosen.name} ({robot.name}) listens on {host}:{number}{_by_link(settings.link)}"
-            ),
-            Authority(chosen.name),
-            chosen.name,
-        )
-        leave_fifo()
+        with hard_to_delay(PRIORITY):  # frames keep their beat beside busy ordinary programs
+            run_bridge(
+                ServoPort(chosen.name, robot.name, robot.n, PayloadJudge(robot)),
+                settings,
+                lambda host, number: told(
+                    f"bridge of {chosen.name} ({robot.name}) listens on {host}:{number}{_by_link(settings.link)}"
+                ),
+                Authority(chosen.name),
+                chosen.name,
+            )
 
 
 def _maybe_link(choice: LinkChoice | None) -> IsolatedLink | None:

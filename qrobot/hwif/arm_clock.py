@@ -35,8 +35,10 @@ def slipped_ns(board: BoardMemory, slips: int) -> int:
 
 @lean_kernel
 def arm_time_ns(board: BoardMemory, slips: int) -> int:
-    """The arm's time now."""
-    return monotonic_ns() - slipped_ns(board, slips)
+    """The arm's time now; a process that was stopped between its two readings takes the clock's again."""
+    slipped, now_ns = slipped_ns(board, slips), monotonic_ns()
+    newest = slipped_ns(board, slips)
+    return (now_ns if newest == slipped else monotonic_ns()) - newest
 
 
 @lean_kernel

@@ -96,8 +96,10 @@ class BridgeServer:
             return None
 
     def now_ns(self) -> int:
-        """The arm's time."""
-        return time.monotonic_ns() - self.port.slipped_ns()
+        """The arm's time; a process that was stopped between its two readings takes the clock's again."""
+        slipped_ns, now_ns = self.port.slipped_ns(), time.monotonic_ns()
+        newest_ns = self.port.slipped_ns()
+        return (now_ns if newest_ns == slipped_ns else time.monotonic_ns()) - newest_ns
 
     def say(self, message: str, *values: object) -> None:
         """Log, but never more than a few lines a second."""
@@ -191,12 +193,14 @@ class _Client(asyncio.Protocol):
             self.transport.abort()
 
     def _tick(self) -> None:
+        asked_ns = self._server.now_ns()
         if self._awaits_the_arm():
             self._timer = asyncio.get_running_loop().call_later(LOOK_S, self._tick)
             return
+        now_ns = min(asked_ns, self._server.now_ns())  # the later is the smaller where a stall was told of in between
         state = self._server.read_state()
         port = self._server.port
-        self._carry_out(self.session.tick(self._server.now_ns(), state, port.mismatch, port.servo))
+        self._carry_out(self.session.tick(now_ns, state, port.mismatch, port.servo))
         self._set_timer()
 
     def _set_timer(self) -> None:

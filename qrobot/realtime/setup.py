@@ -87,6 +87,18 @@ def leave_fifo() -> None:
 
 
 @contextmanager
+def hard_to_delay(priority: int) -> Iterator[None]:
+    """Let few others delay the calling thread while inside, where that is allowed, and no long search for garbage."""
+    freeze_garbage()
+    tighten_timers()
+    set_fifo(priority)
+    try:
+        yield
+    finally:
+        leave_fifo()
+
+
+@contextmanager
 def favoured_thread(niceness: int = FAVOURED_NICENESS) -> Iterator[None]:
     """Let the calling thread stay an ordinary one, but wait for few others, where that is allowed.
 

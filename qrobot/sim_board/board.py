@@ -1,8 +1,8 @@
 """The TRC004's actions on its registers, as two kernels of which a board's tick is made.
 
 `accept_operations` applies what controllers posted, strictly in order, and decides about power and brakes;
-`publish_sample` takes the shafts' positions, runs encoders and converter, and publishes the input words. Time is an
-argument; nothing here knows of motors or of who posts.
+`publish_sample` takes the shafts' positions, runs encoders and converter, and publishes the input words; `take_sample`
+is all of that but the last. Time is an argument; nothing here knows of motors or of who posts.
 
 Tags as in `hwif.registers`: [V] the vendor's driver, [I] inferred from its sequences, [A] our choice.
 

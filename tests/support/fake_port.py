@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import time
 from dataclasses import replace
 
 from qrobot.errors import LinkError
 from qrobot.rccl_bridge import RobotState, SetpointFrame
+from qrobot.units import NS_PER_S
 from qrobot.wire import AnalogOutputs, Collision, JointMode, Mode, Payload, RobotFlag
 from tests.support.packets import resting
 
@@ -23,6 +25,8 @@ class FakePort:
         self.servo = 1
         self.names: tuple[str, ...] = ()
         self.running = True
+        self.stall_s = 0.0  # the whole machine stands still so long as the state is read next
+        self.slipped = self.untold = 0
         self.collision_told = False
         self.state = resting((0.0,) * n, mode=Mode.OFF, flags=RobotFlag.ESTOP_OK | RobotFlag.CALIBRATED)
 
@@ -30,14 +34,20 @@ class FakePort:
         return self.running
 
     def slipped_ns(self) -> int:
-        return 0
+        return self.slipped
 
     def stalled(self) -> bool:
-        return False
+        """As after a stall of the machine: who asks is awake before the arm is, and has to ask again."""
+        untold, self.untold = self.untold, 0
+        self.slipped += untold
+        return untold != 0
 
     def read_state(self) -> RobotState:
         if not self.running:
             raise LinkError("the fake servo is away")
+        if self.stall_s:
+            time.sleep(self.stall_s)
+            self.untold, self.stall_s = round(self.stall_s * NS_PER_S), 0.0
         return self.state
 
     def write_setpoint(self, frame: SetpointFrame) -> None:

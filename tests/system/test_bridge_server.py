@@ -20,6 +20,7 @@ from dataclasses import replace
 from itertools import product
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from qrobot.config.deployment import load_deployment
@@ -74,6 +75,19 @@ def test_states_keep_their_grid_over_a_second_at_one_kilohertz() -> None:
             pass
         most_punctual = min(behind() for _ in range(1_000))
         assert 0 <= most_punctual < 100 + until_first, f"{most_punctual} periods off the grid"
+
+
+@pytest.mark.realtime
+def test_a_machine_that_stands_still_as_the_bridge_reads_leaves_no_gap_in_the_grid() -> None:
+    """The arm's time stood still as well, which it tells later: what the clock says meanwhile lies in the future."""
+    stall_s = 0.5
+    with Bridge() as bridge, bridge.connect() as client:
+        client.join()
+        before = client.hear().seq
+        bridge.port.stall_s = stall_s
+        numbers = [before, *(client.hear().seq for _ in range(20))]
+        assert bridge.port.slipped > 0
+        assert max(np.diff(numbers)) * COMMANDER.period_us < 0.5 * stall_s * 1e6
 
 
 def test_a_socket_that_breaks_leaves_a_stop_and_a_free_lease() -> None:

@@ -29,7 +29,7 @@ def test_all_processes_of_a_moving_arm_may_stop_at_once_and_go_on(shared_arm: Sh
         found = stalls_of_a_moving_arm(shared_arm)
         if found.apart_s < TOGETHER_S:
             break
-    assert (found.events, found.times) == ([], TIMES)
+    assert (found.events, found.times) == ([], TIMES), shared_arm.running().told_of_the_stop()
     assert 0.5 * found.stopped_s < found.slipped_s
     assert found.largest_error < 0.02
 

@@ -9,6 +9,7 @@ import pytest
 
 from qrobot.config import load_robot
 from qrobot.config.deployment import TRANSPORTS, BoardChoice
+from qrobot.hwif import arm_clock
 from qrobot.hwif.arm_clock import MAY_SLIP_NS, STALL_NS, arm_time_ns, await_board, may_slip_ns, slipped_ns
 from qrobot.hwif.board_memory import local_board_memory
 from qrobot.hwif.lanes import post_operations
@@ -39,6 +40,26 @@ def test_the_arms_time_is_the_monotonic_clock_less_what_slipped() -> None:
     before = time.monotonic_ns()
     now = arm_time_ns(memory, 1)
     assert before <= now + 500 * MS <= time.monotonic_ns()
+
+
+@pytest.mark.parametrize("stopped_at", range(4))
+def test_who_is_stopped_with_its_board_as_it_reads_the_arms_time_reads_none_that_is_long_past(
+    stopped_at: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    now, slipped, readings = 5_000 * MS, 0, 0
+
+    def read(which: str) -> int:
+        """Read one of the two; a stall follows before who reads goes on."""
+        nonlocal now, slipped, readings
+        value = now if which == "clock" else slipped
+        if readings == stopped_at:
+            now, slipped = now + 300 * MS, slipped + 300 * MS
+        readings += 1
+        return value
+
+    monkeypatch.setattr(arm_clock, "monotonic_ns", lambda: read("clock"))
+    monkeypatch.setattr(arm_clock, "slipped_ns", lambda _board, _slips: read("board"))
+    assert getattr(arm_time_ns, "py_func", arm_time_ns)(None, 1) == 5_000 * MS
 
 
 @pytest.mark.realtime

@@ -9,12 +9,13 @@ import sys
 import threading
 from contextlib import nullcontext
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from qrobot.errors import QRobotError
+from qrobot.errors import LinkError, QRobotError
 from qrobot.realtime import machine, setup
 from qrobot.realtime.setup import SetupStep
 from tests.support.patience import PATIENCE_S
@@ -128,6 +129,24 @@ def test_without_any_limit_nothing_is_got(monkeypatch: pytest.MonkeyPatch) -> No
     monkeypatch.setattr(setup, "_enter_fifo", refuse)
     monkeypatch.setattr(setup.resource, "getrlimit", lambda _which: (0, 0))
     assert "SCHED_FIFO 85 refused" in setup.set_fifo(85).detail
+
+
+def test_a_thread_that_was_hard_to_delay_ends_as_an_ordinary_one_even_by_an_error(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    done: list[object] = []
+    for name in ("freeze_garbage", "tighten_timers", "leave_fifo"):
+        monkeypatch.setattr(setup, name, partial(done.append, name))
+    monkeypatch.setattr(setup, "set_fifo", done.append)
+
+    def lose_the_board() -> None:
+        with setup.hard_to_delay(70):
+            done.append("serves")
+            raise LinkError("the board has gone")
+
+    with pytest.raises(LinkError):
+        lose_the_board()
+    assert done == ["freeze_garbage", "tighten_timers", 70, "serves", "leave_fifo"]
 
 
 @pytest.mark.parametrize("required", [False, True])

@@ -39,33 +39,10 @@ def setpoints(period_s: float = PERIOD_S) -> list[list[float]]:
     return found
 
 
-@pytest.mark.parametrize("late_ms", [20, 45, 70])
-@pytest.mark.parametrize("frame", [4, 7, 10])
-def test_an_arm_that_went_on_while_its_servo_was_kept_from_running_is_on_its_path(late_ms: int, frame: int) -> None:
-    """Its reference and its place are compared as they are after the stall; before, they were `late_ms` apart."""
-    rig = LockstepRig(PUMA, ServoSettings(overrun=COUNTED_ONLY), Emulator(PUMA, start="park"))
-    rig.ticks(3)
-    rig.mailbox.request_power(True)
-    rig.run_for(0.1)
-    for seq, q in enumerate(setpoints()):
-        rig.mailbox.push_setpoint(1, seq, rig.now_ns, round(PERIOD_S * 1e9), [POSITION_SETPOINT] * PUMA.n, q)
-        late_s = 0.0
-        if seq == frame:
-            rig.run_for(BEFORE_S)
-            bundle = rig.emulator.bundle
-            rig.now_ns = emulator_run(bundle, rig.board, rig.now_ns, late_ms * 1_000_000 // bundle.period_ns)
-            late_s = BEFORE_S + late_ms * 1e-3
-        rig.run_for(PERIOD_S - late_s)
-    rows = rig.rows()
-    assert np.diff(rows["t_ns"]).max() >= late_ms * 1e6
-    assert np.abs(rows["v_ref"][np.argmax(np.diff(rows["t_ns"]))]).max() > 0.3  # it was on its way
-    assert np.abs(rows["q_ref"] - rows["q"]).max() < STRAYED
-    assert set(rows["fault"].tolist()) == {FaultCode.NONE}
-    assert rows["mode"][-1] == Mode.TRACKING
-
-
-def moving_arm(period_s: float = PERIOD_S) -> tuple[LockstepRig, Callable[[int, int], None]]:
-    """An arm that has begun a move, and what sends one of its setpoints, at a time."""
+def moving_arm(
+    period_s: float = PERIOD_S, frames: int = MOVING_AFTER
+) -> tuple[LockstepRig, Callable[[int, int], None]]:
+    """An arm that has begun a move by so many setpoints, and what sends one of them, at a time."""
     rig = LockstepRig(PUMA, ServoSettings(overrun=COUNTED_ONLY), Emulator(PUMA, start="park"))
     rig.ticks(3)
     rig.mailbox.request_power(True)
@@ -76,7 +53,7 @@ def moving_arm(period_s: float = PERIOD_S) -> tuple[LockstepRig, Callable[[int, 
         modes = [POSITION_SETPOINT] * PUMA.n
         assert rig.mailbox.push_setpoint(1, seq, t_ns, round(period_s * 1e9), modes, path[seq])
 
-    for seq in range(MOVING_AFTER):
+    for seq in range(frames):
         send(seq, rig.now_ns)
         rig.run_for(period_s)
     return rig, send
@@ -86,6 +63,26 @@ def sleep_through(rig: LockstepRig, late_ms: int) -> None:
     """Keep the servo from running; its board goes on."""
     bundle = rig.emulator.bundle
     rig.now_ns = emulator_run(bundle, rig.board, rig.now_ns, late_ms * 1_000_000 // bundle.period_ns)
+
+
+@pytest.mark.parametrize("late_ms", [20, 45, 70])
+@pytest.mark.parametrize("frame", [4, 7, 10])
+def test_an_arm_that_went_on_while_its_servo_was_kept_from_running_is_on_its_path(late_ms: int, frame: int) -> None:
+    """Its reference and its place are compared as they are after the stall; before, they were `late_ms` apart."""
+    rig, send = moving_arm(frames=frame)
+    send(frame, rig.now_ns)
+    rig.run_for(BEFORE_S)
+    sleep_through(rig, late_ms)
+    rig.run_for(PERIOD_S - BEFORE_S - late_ms * 1e-3)
+    for seq in range(frame + 1, len(setpoints())):
+        send(seq, rig.now_ns)
+        rig.run_for(PERIOD_S)
+    rows = rig.rows()
+    assert np.diff(rows["t_ns"]).max() >= late_ms * 1e6
+    assert np.abs(rows["v_ref"][np.argmax(np.diff(rows["t_ns"]))]).max() > 0.3  # it was on its way
+    assert np.abs(rows["q_ref"] - rows["q"]).max() < STRAYED
+    assert set(rows["fault"].tolist()) == {FaultCode.NONE}
+    assert rows["mode"][-1] == Mode.TRACKING
 
 
 @pytest.mark.parametrize("late_ms", [20, 50])
