@@ -137,8 +137,8 @@ OPERATOR = {
 @pytest.mark.parametrize("request_", OPERATOR.values(), ids=OPERATOR)
 def test_an_operator_is_refused_thresholds_and_a_reaction(rig: TransportRig, request_: ChangeCollision) -> None:
     with pytest.raises(QRobotError, match=NO_TORQUES):
-        set_collision(rig.mailbox, request_, ROBOT)
-    assert set_collision(rig.mailbox, ChangeCollision(), ROBOT)
+        set_collision(rig.mailbox, request_, ROBOT, torques_known=False)
+    assert set_collision(rig.mailbox, ChangeCollision(), ROBOT, torques_known=False)
 
 
 def test_a_log_of_such_an_arm_is_fitted_by_nobody(rig: TransportRig) -> None:

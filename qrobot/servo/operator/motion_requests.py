@@ -51,13 +51,13 @@ def set_payload(
     return in_force
 
 
-def set_collision(mailbox: ServoMailbox, request: ChangeCollision, robot: Robot) -> str:
-    """Hand thresholds and reaction to the servo. The line that tells people.
+def set_collision(mailbox: ServoMailbox, request: ChangeCollision, robot: Robot, torques_known: bool) -> str:
+    """Hand thresholds and reaction to the servo, at once. The line that tells people.
 
     Raises ConfigError for thresholds that would tell of less, and for an arm whose collisions nobody can tell.
     """
     asked, reaction = request.thresholds, REACTIONS.index(request.reaction)
-    if objection := torque_objection(asked, reaction, mailbox.snapshot().torques_known):
+    if objection := torque_objection(asked, reaction, torques_known):
         raise ConfigError(f"collisions: {objection}")
     if asked and (objection := threshold_objection(robot, asked)):
         raise ConfigError(objection)

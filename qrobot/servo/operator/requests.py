@@ -94,7 +94,7 @@ class Controls:
                 mailbox.request_power_off()
                 return partial(self._replying, self._told_by_loop)
             case ChangeCollision():
-                told = set_collision(mailbox, request, self._servo.robot)
+                told = set_collision(mailbox, request, self._servo.robot, not self._servo.settings.position_drives)
                 return partial(self._replying, lambda: self._told_after(told))
             case ChangeOverride() | PauseRequest() | ResumeRequest():
                 told = set_speed(mailbox, request)

@@ -30,6 +30,7 @@ from qrobot.fences.fence_set import FenceSet
 from qrobot.hwif.board_memory import command_board_memory, create_board_memory, local_board_memory, publish_image
 from qrobot.hwif.image import IMAGE_COUNT, IMAGE_T_NS, make_image
 from qrobot.modecodes import Mode
+from qrobot.model.payload_judge import PayloadJudge
 from qrobot.realtime.page_faults import FaultWatch
 from qrobot.realtime.structure import view_words
 from qrobot.report import QueuedReport
@@ -46,6 +47,7 @@ from qrobot.servo.memory.servo_memory import TAKING, create_servo_memory, journa
 from qrobot.servo.memory.stop_record import Incident, note_incident, read_incident
 from qrobot.servo.operator import client as client_module
 from qrobot.servo.operator import law_changes, loop_wait
+from qrobot.servo.operator import requests as requests_module
 from qrobot.servo.operator.board_status import board_status
 from qrobot.servo.operator.client import ServoClient
 from qrobot.servo.operator.messages import (
@@ -353,6 +355,16 @@ def test_one_commands_and_everybody_may_look_stop_and_cut_the_power(servo: Bench
     assert client.power_on().mode == "HOLDING"
 
 
+VISITOR = cast("OperatorConnection", SimpleNamespace(label="a visitor", gone=threading.Event()))
+
+
+def one_of_each() -> dict[str, bytes]:
+    """A line of every request, by its command."""
+    values = {"law": {"name": "pd"}, "override": {"factor": 1.0}, "payload": {"mass": 0.0}}
+    commands = [kind.model_fields["command"].default for kind in get_args(get_args(OperatorRequest)[0])]
+    return {each: json.dumps({"command": each, **values.get(each, {})}).encode() for each in commands}
+
+
 @pytest.fixture
 def idle_servo() -> tuple[str, Controls]:
     """A servo that nobody serves or ticks: the name of its arm, and what answers its visitors."""
@@ -362,19 +374,27 @@ def idle_servo() -> tuple[str, Controls]:
 
 def test_what_anybody_may_ask_for_is_what_the_help_of_ctl_says(idle_servo: tuple[str, Controls]) -> None:
     arm, controls = idle_servo
-    values = {"law": {"name": "pd"}, "override": {"factor": 1.0}, "payload": {"mass": 0.0}}
-    commands = [kind.model_fields["command"].default for kind in get_args(get_args(OperatorRequest)[0])]
     holder = Authority(arm)
-    visitor = cast("OperatorConnection", SimpleNamespace(label="a visitor", gone=threading.Event()))
     holder.take("somebody")
     try:
-        lines = {each: json.dumps({"command": each, **values.get(each, {})}).encode() for each in commands}
-        replies = {each: controls.begin(visitor, line) for each, line in lines.items()}
+        replies = {command: controls.begin(VISITOR, line) for command, line in one_of_each().items()}
     finally:
         holder.release()
     refused = {each for each, reply in replies.items() if isinstance(reply, bytes)}
     assert all(b"is commanded by somebody" in replies[each] for each in refused)
-    assert set(commands) - refused == {"status", "fences", *re.findall("`([a-z ]+)`", ctl.HELP)}
+    assert set(replies) - refused == {"status", "fences", *re.findall("`([a-z ]+)`", ctl.HELP)}
+
+
+def test_the_thread_that_reads_stops_waits_for_no_state_that_the_loop_may_be_writing(
+    idle_servo: tuple[str, Controls], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Whatever the request is: what has to be read of the loop, or awaited, is left to the thread that answers."""
+    _, controls = idle_servo
+    for place, name in ((ServoMailbox, "snapshot"), (loop_wait, "comes_true")):
+        monkeypatch.setattr(place, name, lambda *_: pytest.fail("it waits for the loop"))
+    for line in one_of_each().values():
+        assert callable(controls.begin(VISITOR, line))
+    controls.farewell(VISITOR)
 
 
 def test_a_connection_that_ends_frees_the_command_and_leaves_the_power(servo: Bench) -> None:
@@ -503,9 +523,18 @@ HANGING = {
 }
 
 
+# What of a command may take long, where that is not the wait for the loop.
+LONG = {
+    "law": (law_changes, "tried_law"),
+    "gains": (law_changes, "check_gains"),
+    "payload": (PayloadJudge, "objection"),
+    "zero force": (requests_module, "zero_force"),
+}
+
+
 @contextlib.contextmanager
-def hanging() -> Iterator[tuple[threading.Event, threading.Event]]:
-    """Every command hangs from the first event to the second, whatever it is."""
+def hanging(name: str = "") -> Iterator[tuple[threading.Event, threading.Event]]:
+    """Every command hangs from the first event to the second; that of a name where it may take long."""
     began, freed = threading.Event(), threading.Event()
 
     def hang(*_: object) -> None:
@@ -514,7 +543,8 @@ def hanging() -> Iterator[tuple[threading.Event, threading.Event]]:
         raise QRobotError("it hung")
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(Controls, "_obey", hang)
+        place, function = LONG.get(name, (Controls, "_obey"))
+        patch.setattr(place, function, hang)
         try:
             yield began, freed
         finally:
@@ -537,7 +567,7 @@ def test_stop_power_off_and_status_are_obeyed_while_every_other_request_hangs(
                 said.append(str(error))
 
     thread = threading.Thread(target=command)
-    with hanging() as (began, freed):
+    with hanging(name) as (began, freed):
         thread.start()
         assert began.wait(PATIENCE_S)
         assert client.status().mode == "HOLDING"
