@@ -55,17 +55,19 @@ def may_slip_ns(board: BoardMemory, slips: int, now_ns: int) -> int:
 
 
 @lean_kernel
-def await_board(board: BoardMemory, slips: int, due_ns: int) -> int:
-    """Nanoseconds slipped, once an emulated board's process runs again after a stall.
+def await_board(board: BoardMemory, slips: int, due_ns: int) -> tuple[int, int]:
+    """(nanoseconds slipped, the arm's time), once an emulated board's process runs again after a stall.
 
     Returns at once unless the caller comes more than `STALL_NS` after `due_ns`, the arm's time at which it wanted to
-    run, and the board's newest sample is as old; after `PATIENCE_NS` at the latest.
+    run, and the board's newest sample is as old; after `PATIENCE_NS` at the latest. Time and slip belong together: who
+    read the clock again, and was stopped before that, would be ahead of an arm that has not told of it yet.
     """
     slipped = slipped_ns(board, slips)
-    if slips == 0 or monotonic_ns() - slipped - due_ns <= STALL_NS:
-        return slipped
-    until_ns = monotonic_ns() + PATIENCE_NS
-    while monotonic_ns() - slipped - load_acquire(board.facts, "now_ns") > STALL_NS and monotonic_ns() < until_ns:
-        sleep_until_ns(monotonic_ns() + POLL_NS)
-        slipped = slipped_ns(board, slips)
-    return slipped
+    now_ns = monotonic_ns()
+    if slips != 0 and now_ns - slipped - due_ns > STALL_NS:
+        until_ns = now_ns + PATIENCE_NS
+        while now_ns - slipped - load_acquire(board.facts, "now_ns") > STALL_NS and now_ns < until_ns:
+            sleep_until_ns(now_ns + POLL_NS)
+            slipped = slipped_ns(board, slips)
+            now_ns = monotonic_ns()
+    return slipped, now_ns - slipped

@@ -18,6 +18,7 @@ from typing import Final, cast
 
 from qrobot.errors import LinkError
 from qrobot.rccl_bridge.actions import Action, carry_out
+from qrobot.rccl_bridge.arm_time import read_arm_time_ns
 from qrobot.rccl_bridge.lease import ArmAuthority, Lease
 from qrobot.rccl_bridge.listener import Listener, precise_loop
 from qrobot.rccl_bridge.places import Places
@@ -32,9 +33,10 @@ from qrobot.wire import ErrorCode
 LOG: Final = logging.getLogger("qrobot.rccl_bridge")
 SOCKET_BUFFER_BYTES: Final = 16_384  # a slow reader finds at most this much of the past, doubled by the kernel
 WRITE_BUFFER_BYTES: Final = 8_192
-OVERSLEPT_S: Final = 0.02  # a timer that fires later found this process stopped [A]
+OVERSLEPT_S: Final = 0.003  # a timer that fires later found this process stopped [A]
 LOOK_S: Final = 0.002
-PATIENCE_S: Final = 0.2  # with an emulated arm that wakes up after we did [A]
+PATIENCE_S: Final = 0.2  # with an emulated arm that wakes up after we did, at most [A]
+FIRST_PATIENCE_S, PATIENCE_SHARE = 0.01, 3.0  # after a short stall: so long, and so many times as long as that was [A]
 LINGER_S: Final = 1.0  # a closed connection that does not drain is cut after this
 MAX_LINGERING: Final = 32  # closed connections that are waited for
 
@@ -96,10 +98,8 @@ class BridgeServer:
             return None
 
     def now_ns(self) -> int:
-        """The arm's time; a process that was stopped between its two readings takes the clock's again."""
-        slipped_ns, now_ns = self.port.slipped_ns(), time.monotonic_ns()
-        newest_ns = self.port.slipped_ns()
-        return (now_ns if newest_ns == slipped_ns else time.monotonic_ns()) - newest_ns
+        """The arm's time, see `read_arm_time_ns`."""
+        return read_arm_time_ns(self.port.slipped_ns)
 
     def say(self, message: str, *values: object) -> None:
         """Log, but never more than a few lines a second."""
@@ -193,12 +193,13 @@ class _Client(asyncio.Protocol):
             self.transport.abort()
 
     def _tick(self) -> None:
-        asked_ns = self._server.now_ns()
+        asked_ns, state = self._server.now_ns(), self._server.read_state()
         if self._awaits_the_arm():
             self._timer = asyncio.get_running_loop().call_later(LOOK_S, self._tick)
             return
         now_ns = min(asked_ns, self._server.now_ns())  # the later is the smaller where a stall was told of in between
-        state = self._server.read_state()
+        if state is None:  # or it was looked for at the end of a stall, of which its arm had not told yet
+            state = self._server.read_state()
         port = self._server.port
         self._carry_out(self.session.tick(now_ns, state, port.mismatch, port.servo))
         self._set_timer()
@@ -213,8 +214,9 @@ class _Client(asyncio.Protocol):
     def _awaits_the_arm(self) -> bool:
         """This process was kept from running, and so was its emulated arm, which may be about to say for how long."""
         now_s = asyncio.get_running_loop().time()
-        if now_s - self._due_s > OVERSLEPT_S and self._patient_until_s < self._due_s:
-            self._patient_until_s = now_s + PATIENCE_S
+        overslept_s = now_s - self._due_s
+        if overslept_s > OVERSLEPT_S and self._patient_until_s < self._due_s:
+            self._patient_until_s = now_s + min(FIRST_PATIENCE_S + PATIENCE_SHARE * overslept_s, PATIENCE_S)
         return now_s < self._patient_until_s and self._server.port.stalled()
 
     def _carry_out(self, actions: list[Action]) -> None:

@@ -8,16 +8,19 @@ from dataclasses import replace
 from typing import Final
 
 from qrobot.errors import LinkError
+from qrobot.hwif.arm_clock import STALL_NS
 from qrobot.model.payload_judge import PayloadJudge
+from qrobot.rccl_bridge.arm_time import read_arm_time_ns
 from qrobot.rccl_bridge.request_port import RequestPort
 from qrobot.rccl_bridge.servo_interface import SetpointFrame
 from qrobot.servo.memory.followed_servo import FollowedServo
 from qrobot.servo.memory.mailbox import ServoMailbox
 from qrobot.servo.memory.servo_memory import ServoMemory
-from qrobot.units import NS_PER_US
+from qrobot.units import NS_PER_MS, NS_PER_US
 from qrobot.wire.vocabulary import LONGEST_PERIOD_US
 
-STALLED_NS: Final = 20_000_000  # a servo whose last cycle is older waits for its emulated board, or was stopped [A]
+ASLEEP_NS: Final = STALL_NS + NS_PER_MS  # a servo whose last cycle is older waits for its emulated board [A]
+STALLED_NS: Final = 20_000_000  # one that its guardian has stopped has to show that it runs, within as long [A]
 NEW_SERVO_NS: Final = LONGEST_PERIOD_US * NS_PER_US  # a new servo counts as away so long: each session sees it
 STALE_NS: Final = 250_000_000  # a servo whose last cycle is older does not run, whatever its guardian says
 
@@ -73,8 +76,8 @@ class ServoPort(RequestPort):
         """Delay of the arm's time behind CLOCK_MONOTONIC, as a servo said last in a cycle; 0 before one did."""
         with contextlib.suppress(LinkError):
             heartbeat = self._mailbox().memory.heartbeat
-            said = int(heartbeat.slipped_ns)
-            if heartbeat.t_ns != 0:  # one that has just started has said nothing yet
+            if heartbeat.t_ns != 0:  # one that has just started has said nothing yet; read first, as it is written last
+                said = int(heartbeat.slipped_ns)
                 self._slipped_ns = said if 0 <= said < time.monotonic_ns() else 0
         return self._slipped_ns
 
@@ -84,10 +87,12 @@ class ServoPort(RequestPort):
             memory = self._mailbox().memory
         except LinkError:
             return False
-        return bool(memory.heartbeat.slips) and self._silence_ns(memory) > STALLED_NS
+        asleep_ns = max(ASLEEP_NS, 2 * int(memory.info.period_ns))
+        return bool(memory.heartbeat.slips) and self._silence_ns(memory) > asleep_ns
 
     def _silence_ns(self, memory: ServoMemory) -> int:
-        return time.monotonic_ns() - self.slipped_ns() - int(memory.heartbeat.t_ns)
+        heard_ns = int(memory.heartbeat.t_ns)  # first: what is read later can only make the silence longer
+        return read_arm_time_ns(self.slipped_ns) - heard_ns
 
     def write_setpoint(self, frame: SetpointFrame) -> None:
         """Hand a frame and its requests to the servo. Raises LinkError when the servo is gone."""

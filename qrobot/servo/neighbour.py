@@ -22,6 +22,7 @@ from qrobot.fences.fence_set import FenceSet
 from qrobot.fences.gate import DEEPER_M, REACTION_S, way_of_stop
 from qrobot.fences.two_arms import ArmPair, pose_between
 from qrobot.servo.memory.published_state import FLAG_CALIBRATED, ServoSnapshot
+from qrobot.units import NS_PER_S
 
 FREE, TOO_NEAR, NOT_HEARD_OF = 0.0, 1.0, 2.0  # verdicts
 VERDICT, DISTANCE, MARGIN, LOOKS, LOOKS_SEEN, SILENT_CYCLES, N_NEIGHBOUR = range(7)  # words of `ServoState.neighbour`
@@ -86,33 +87,37 @@ def distances_at_stops(neighbour: Neighbour, own: ServoSnapshot, other: ServoSna
 
 
 class NeighbourLook:
-    """Looks at one other arm.
+    """Looks at one other arm. Its time is that of its own servo, which stands still where that of the world does.
 
     Args:
         neighbour: that arm.
         own, other: newest states; None where there is none.
         told: words of `ServoState.neighbour`, of which verdict, distance, margin and number of looks are filled.
-        clock: seconds.
+        period_s: of the servo: its time may have gone on by as much since its newest state.
     """
 
-    def __init__(self, neighbour: Neighbour, own: Hear, other: Hear, told: Floats, clock: Callable[[], float]) -> None:
+    def __init__(self, neighbour: Neighbour, own: Hear, other: Hear, told: Floats, period_s: float) -> None:
         self.neighbour = neighbour
-        self._own, self._other, self._told, self._clock = own, other, told, clock
-        self._tick, self._heard_s = -1, -PATIENCE_S
+        self._own, self._other, self._told, self._late_s = own, other, told, LOOK_S + period_s
+        self._tick, self._heard_s = -1, -np.inf
 
     def look(self) -> float:
         """Judge, tell, and return the verdict."""
-        own, other, now_s = self._own(), self._other(), self._clock()
-        if other is not None and other.tick != self._tick:
-            self._tick, self._heard_s = other.tick, now_s
-        silent_s = now_s - self._heard_s
+        own, other = self._own(), self._other()
         verdict, distance, margin = NOT_HEARD_OF, 0.0, 0.0
-        if own is not None and other is not None and other.flags & FLAG_CALIBRATED and silent_s < PATIENCE_S:
-            found = distances_at_stops(self.neighbour, own, other, silent_s + LOOK_S)
+        silent_s = np.inf if own is None or other is None else self._silent_s(own, other)
+        if own is not None and other is not None and silent_s < PATIENCE_S:
+            found = distances_at_stops(self.neighbour, own, other, silent_s + self._late_s)
             verdict, distance, margin = self._judge(found), float(found.min()), self.neighbour.margin_m
         self._told[DISTANCE], self._told[MARGIN], self._told[VERDICT] = distance, margin, verdict
         self._told[LOOKS] += 1.0
         return verdict
+
+    def _silent_s(self, own: ServoSnapshot, other: ServoSnapshot) -> float:
+        """Seconds since the other arm told where it is; infinite while it cannot, for its counters tell no place."""
+        if other.tick != self._tick:
+            self._tick, self._heard_s = other.tick, own.t_ns / NS_PER_S
+        return own.t_ns / NS_PER_S - self._heard_s if other.flags & FLAG_CALIBRATED else np.inf
 
     def _judge(self, found: Floats) -> float:
         """Too near when a stop of both would end within the margin; arms that are there already may part."""

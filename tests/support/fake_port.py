@@ -25,29 +25,36 @@ class FakePort:
         self.servo = 1
         self.names: tuple[str, ...] = ()
         self.running = True
-        self.stall_s = 0.0  # the whole machine stands still so long as the state is read next
-        self.slipped = self.untold = 0
+        self.slipped = self._untold = self.blind = 0  # the last: looks in which it seems to be away
+        self._told_at = ""
         self.collision_told = False
         self.state = resting((0.0,) * n, mode=Mode.OFF, flags=RobotFlag.ESTOP_OK | RobotFlag.CALIBRATED)
 
+    def stall(self, seconds: float, told_at: str) -> None:
+        """The whole machine stands still; the arm tells of it as soon as this is `asked`, or its state `read`."""
+        time.sleep(seconds)
+        self._untold, self._told_at = round(seconds * NS_PER_S), told_at
+
+    def _tell(self, at: str) -> None:
+        if self._told_at == at:
+            self.slipped, self._untold = self.slipped + self._untold, 0
+
     def alive(self) -> bool:
-        return self.running
+        self.blind, seen = max(0, self.blind - 1), self.blind == 0
+        return self.running and seen
 
     def slipped_ns(self) -> int:
         return self.slipped
 
     def stalled(self) -> bool:
-        """As after a stall of the machine: who asks is awake before the arm is, and has to ask again."""
-        untold, self.untold = self.untold, 0
-        self.slipped += untold
-        return untold != 0
+        asleep = self._untold != 0
+        self._tell("asked")
+        return asleep
 
     def read_state(self) -> RobotState:
         if not self.running:
             raise LinkError("the fake servo is away")
-        if self.stall_s:
-            time.sleep(self.stall_s)
-            self.untold, self.stall_s = round(self.stall_s * NS_PER_S), 0.0
+        self._tell("read")
         return self.state
 
     def write_setpoint(self, frame: SetpointFrame) -> None:

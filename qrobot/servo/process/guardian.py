@@ -57,8 +57,10 @@ HELD_LOOK_NS: Final = 1_000_000  # [A] between two looks at what a servo posts w
 LEAVE_NS: Final = NS_PER_S // 2  # [A] beyond the bound, for a board to take what makes it safe
 
 # The guardian's own memory; outlives servo restarts. WAS_ARMED: said by a servo that beat; POSTED and POURED: where the
-# servo's lane was before the board was made safe last.
-TRIPPED, TRIPS, LAST_DISCRETE, LINES, KEPT, ANALOG, WAS_ARMED, POSTED, POURED, N_OWN = range(10)
+# servo's lane was before the board was made safe last. DUE_NS: when it wanted to look next; PATIENT_UNTIL_NS: it
+# overslept by OVERSLEPT_NS, and lets others wake up as well.
+TRIPPED, TRIPS, LAST_DISCRETE, LINES, KEPT, ANALOG, WAS_ARMED, POSTED, POURED = range(9)
+DUE_NS, PATIENT_UNTIL_NS, OVERSLEPT_NS, N_OWN = range(9, 13)
 
 
 @lean_kernel
@@ -161,17 +163,17 @@ def watch(
     in as well. On a real board it acts at once.
     """
     period_ns = timeout_ns // LOOKS_PER_TIMEOUT
-    deadline = monotonic_ns()
-    patient_until, overslept = deadline, 0
+    deadline = monotonic_ns() if own[DUE_NS] == 0 else min(own[DUE_NS], monotonic_ns())
     while load_acquire(stop, 0) == 0 and deadline < until_ns:
         late = monotonic_ns() - deadline
         if slips != 0 and late > STALL_NS:
-            patient_until, overslept = deadline + late + timeout_ns, late
-        allowed = timeout_ns if deadline >= patient_until else 2 * timeout_ns + overslept
+            own[PATIENT_UNTIL_NS], own[OVERSLEPT_NS] = deadline + late + timeout_ns, late
+        allowed = timeout_ns if deadline >= own[PATIENT_UNTIL_NS] else 2 * timeout_ns + own[OVERSLEPT_NS]
         now_ns = arm_time_ns(board, slips)
         allowed += may_slip_ns(board, slips, now_ns)
         look(own, mail, board, card, ops, now_ns, allowed)
         deadline = await_look(own, board, max(deadline + period_ns, monotonic_ns()))
+        own[DUE_NS] = deadline
 
 
 class Guardian:

@@ -148,9 +148,8 @@ def run(
     margin_ns = min(margin_ns, most_ns)
     while True:
         margin_ns = wait_until(deadline + slipped, margin_ns, most_ns)
-        slipped = await_board(board, params.board_slips, deadline)
+        slipped, started = await_board(board, params.board_slips, deadline)
         mail.heartbeat.slipped_ns = slipped
-        started = monotonic_ns() - slipped
         if started < deadline:
             continue  # time has slipped: the deadline is still to come
         missed, deadline = deadline, newest_point(deadline, started, params.period_ns)
@@ -163,9 +162,9 @@ def run(
         one_cycle(params, state, mail, ring, board, deadline, started - deadline)
         if card[CARD_KIND] != NO_CARD:
             write_card(params, state, mail, board, card, started)
-        slipped = await_board(board, params.board_slips, started)  # a stall inside the cycle slips as one outside does
+        slipped, now = await_board(board, params.board_slips, started)  # a stall inside the cycle slips as well
         mail.heartbeat.slipped_ns = slipped
-        finished = max(started, monotonic_ns() - slipped)
+        finished = max(started, now)
         state.busy_ns = finished - started
         if was_long:
             state.busy_ns = own_ns(state.busy_ns, used, thread_time())

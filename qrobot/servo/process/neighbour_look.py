@@ -14,6 +14,7 @@ from qrobot.servo.memory.followed_servo import FollowedServo
 from qrobot.servo.memory.mailbox import ServoMailbox
 from qrobot.servo.memory.published_state import ServoSnapshot
 from qrobot.servo.neighbour import LOOK_S, NOT_HEARD_OF, Neighbour, NeighbourLook
+from qrobot.units import NS_PER_S
 
 RETRY_S: Final = 0.2  # [A] between two attempts to find a servo that is not there
 
@@ -71,7 +72,7 @@ def looking(
     done = threading.Event()
     others = [OtherServo(each.name, each.robot, each.other_a_stop.size, time.monotonic) for each in neighbours]
     looks = [
-        NeighbourLook(each, mailbox.snapshot, other.snapshot, words, time.monotonic)
+        NeighbourLook(each, mailbox.snapshot, other.snapshot, words, int(mailbox.info.period_ns) / NS_PER_S)
         for each, other, words in zip(neighbours, others, told, strict=False)  # there may be more rows
     ]
     thread = threading.Thread(target=_look_on, args=(looks, others, done, say), name="servo-neighbours", daemon=True)

@@ -42,7 +42,7 @@ def test_the_arms_time_is_the_monotonic_clock_less_what_slipped() -> None:
     assert before <= now + 500 * MS <= time.monotonic_ns()
 
 
-@pytest.mark.parametrize("stopped_at", range(4))
+@pytest.mark.parametrize("stopped_at", range(3))
 def test_who_is_stopped_with_its_board_as_it_reads_the_arms_time_reads_none_that_is_long_past(
     stopped_at: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -75,7 +75,7 @@ def test_a_servo_that_overslept_with_its_board_waits_until_the_board_says_for_ho
 
     board = threading.Timer(0.02, wake_up)
     board.start()
-    wait_until(lambda: await_board(memory, 1, due_ns) == stalled_ns, "the board has said so")  # it waits for 50 ms
+    wait_until(lambda: await_board(memory, 1, due_ns)[0] == stalled_ns, "the board has said so")  # it waits for 50 ms
     board.join()
 
 
@@ -84,11 +84,11 @@ def test_nobody_waits_for_a_real_board_nor_for_one_that_runs_nor_for_ever() -> N
     memory = local_board_memory()
     due_ns = time.monotonic_ns() - 300 * MS
     memory.facts.now_ns = due_ns
-    assert await_board(memory, 0, due_ns) == 0
+    assert await_board(memory, 0, due_ns)[0] == 0
     memory.facts.now_ns = time.monotonic_ns() + 10_000 * MS
-    assert await_board(memory, 1, due_ns) == 0
+    assert await_board(memory, 1, due_ns)[0] == 0
     memory.facts.now_ns = due_ns
-    assert await_board(memory, 1, due_ns) == 0
+    assert await_board(memory, 1, due_ns)[0] == 0
 
 
 def test_of_a_stall_counts_what_somebody_wrote_in() -> None:

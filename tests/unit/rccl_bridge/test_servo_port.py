@@ -10,7 +10,7 @@ from dataclasses import replace
 import pytest
 
 from qrobot.rccl_bridge.servo_interface import SetpointFrame
-from qrobot.rccl_bridge.servo_port import STALE_NS, STALLED_NS, ServoPort
+from qrobot.rccl_bridge.servo_port import ASLEEP_NS, STALE_NS, STALLED_NS, ServoPort
 from qrobot.servo.memory.servo_memory import ServoFront, create_servo_memory
 from qrobot.servo.rates import LOWEST_RATE_HZ
 from qrobot.units import NS_PER_S
@@ -50,6 +50,41 @@ def test_a_silent_servo_is_gone_sooner_when_its_guardian_has_taken_the_board(
 ) -> None:
     front.guardian.takeover, front.heartbeat.t_ns = takeover, NS_PER_S - age_ns
     assert port.alive() is alive
+
+
+@pytest.mark.parametrize(
+    ("age_ns", "period_ns", "slips", "asleep"),
+    [
+        (ASLEEP_NS, 1_000_000, 1, False),
+        (ASLEEP_NS + 1, 1_000_000, 1, True),
+        (ASLEEP_NS + 1, 1_000_000, 0, False),  # a real board's time does not slip
+        (ASLEEP_NS + 1, 10_000_000, 1, False),  # so seldom does it run
+        (20_000_001, 10_000_000, 1, True),
+    ],
+)
+def test_an_emulated_arm_is_asleep_once_its_servo_has_left_out_two_cycles_and_its_board_would_call_that_a_stall(
+    port: ServoPort, front: ServoFront, age_ns: int, period_ns: int, slips: int, asleep: bool
+) -> None:
+    front.heartbeat.slips, front.heartbeat.t_ns, front.info.period_ns = slips, NS_PER_S - age_ns, period_ns
+    assert port.stalled() is asleep
+
+
+def test_a_silence_in_which_the_bridge_was_stopped_as_well_is_none(
+    port: ServoPort, front: ServoFront, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its arm tells of the stall between the bridge's two readings, and goes on."""
+    stall_ns, slipped_ns = NS_PER_S // 2, port.slipped_ns
+
+    def stopped() -> int:
+        """The slip as it was before the stall; time goes on, and all the rest is told, before it is used."""
+        monkeypatch.setattr(port, "slipped_ns", slipped_ns)
+        before = slipped_ns()
+        monkeypatch.setattr(time, "monotonic_ns", lambda: NS_PER_S + stall_ns)
+        front.heartbeat.slipped_ns = stall_ns
+        return before
+
+    monkeypatch.setattr(port, "slipped_ns", stopped)
+    assert port.alive()
 
 
 def test_time_does_not_leap_ahead_while_a_servo_that_was_started_again_has_run_no_cycle(

@@ -387,6 +387,30 @@ def test_on_a_real_board_it_looks_five_times_per_bound_and_allows_the_bound_howe
     assert gaps_ns[-1] <= TIMEOUT_NS / 5 + slept_ns
 
 
+@pytest.mark.parametrize("between_slices", [False, True])
+def test_beside_an_emulated_board_one_that_overslept_lets_others_wake_up_beyond_the_end_of_its_slice(
+    monkeypatch: pytest.MonkeyPatch, between_slices: bool
+) -> None:
+    """It comes back to Python five times a second, and may sleep through the end of a slice, or between two of them."""
+    slice_ns, slept_ns = 4 * TIMEOUT_NS, 50 * TIMEOUT_NS
+    now_ns, looks = [1_000_000], list[tuple[int, int]]()
+
+    def sleep_until_ns(deadline_ns: int) -> None:
+        now_ns[0] = max(now_ns[0], deadline_ns) + slept_ns * (len(looks) == 7 and not between_slices)
+
+    on_a_clock(monkeypatch, now_ns, sleep_until_ns, lambda *asked: looks.append(asked[-2:]))
+    run, stop, own = getattr(watch, "py_func", watch), np.zeros(1, np.int64), np.zeros(N_OWN, np.int64)
+    for k in range(4):
+        run(own, None, None, None, None, stop, TIMEOUT_NS, now_ns[0] + slice_ns, 1)
+        now_ns[0] += slept_ns * (k == 0 and between_slices)
+    times_ns, allowed_ns = np.array(looks).T
+    woke = int(np.diff(times_ns).argmax()) + 1
+    patient = (times_ns >= times_ns[woke]) & (times_ns < times_ns[woke] + TIMEOUT_NS)
+    assert patient.sum() >= LOOKS_PER_TIMEOUT
+    assert (allowed_ns[patient] > slept_ns).all()
+    assert set(allowed_ns[~patient]) == {TIMEOUT_NS}
+
+
 def one_more(board: BoardMemory) -> None:
     """The servo posts a torque."""
     assert post_operations(board, int(Lane.SERVO), TORQUE, 1)

@@ -64,7 +64,7 @@ fences = { arms = ["left"], arm_margin_m = 0.04 }
 """
 MARGIN_M = 0.04
 REACH = np.array([-0.2, 0.3, -0.6, 0.0, 0.0, 0.0])  # from park, towards the other arm
-FRAME_S = 0.025
+FRAME_S, PERIOD_S = 0.025, 0.001
 TURNS = np.array([1.0, 0.0, -0.5, 0.0, 0.0, 0.0])  # rad/s
 MIDDLE = np.diag([-1.0, -1.0, 1.0])  # right's axes in those of left
 
@@ -91,16 +91,13 @@ class Pair:
             (neighbour,) = rig.settings.neighbours
             words = rig.state.neighbour[0]
             hear = lambda k=k: self.heard[1 - k]()  # noqa: E731
-            self.looks.append(NeighbourLook(neighbour, rig.mailbox.snapshot, hear, words, self.now_s))
+            self.looks.append(NeighbourLook(neighbour, rig.mailbox.snapshot, hear, words, 1.0 / rig.settings.rate_hz))
         self.pair = self.rigs[0].settings.neighbours[0].pair
         self.seconds(0.1)
         for rig in self.rigs:
             rig.mailbox.request_power(True)
         self.seconds(0.4)
         self._stream = 0
-
-    def now_s(self) -> float:
-        return self.rigs[0].now_ns * 1e-9
 
     def seconds(self, seconds: float) -> float:
         """Let both go on; the least distance meanwhile."""
@@ -238,14 +235,11 @@ def heard_of_last(neighbour: Neighbour, age_s: float) -> tuple[float, list[tuple
             seen.append((q.copy(), other_q.copy()))
             return 1.0
 
-    now_s = [0.0]
-    own, other = (SimpleNamespace(q=PARK, v=TURNS, tick=7, flags=FLAG_CALIBRATED) for _ in range(2))
-    look = NeighbourLook(
-        replace(neighbour, pair=Pair()), lambda: own, lambda: other, np.zeros(N_NEIGHBOUR), lambda: now_s[0]
-    )  # type: ignore[arg-type, return-value]
+    own, other = (SimpleNamespace(q=PARK, v=TURNS, tick=7, t_ns=0, flags=FLAG_CALIBRATED) for _ in range(2))
+    look = NeighbourLook(replace(neighbour, pair=Pair()), lambda: own, lambda: other, np.zeros(N_NEIGHBOUR), PERIOD_S)  # type: ignore[arg-type, return-value]
     look.look()
     seen.clear()
-    now_s[0] = age_s
+    own.t_ns = round(age_s * 1e9)
     return look.look(), seen
 
 
@@ -267,7 +261,7 @@ def test_a_state_is_that_of_a_neighbour_for_a_tenth_of_a_second(file: str, age_s
 
 def test_arms_within_the_margin_may_part_and_come_no_nearer(file: str) -> None:
     (neighbour,) = neighbours_of_arm(choose_arm(file, "left"), file)
-    look = NeighbourLook(neighbour, lambda: None, lambda: None, np.zeros(N_NEIGHBOUR), lambda: 0.0)
+    look = NeighbourLook(neighbour, lambda: None, lambda: None, np.zeros(N_NEIGHBOUR), PERIOD_S)
     assert look._judge(np.array([0.03, 0.031, 0.05])) == FREE
     assert look._judge(np.array([0.03, 0.031, 0.028])) == TOO_NEAR
     assert look._judge(np.array([0.05, 0.045, 0.039])) == TOO_NEAR

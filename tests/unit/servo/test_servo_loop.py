@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from types import SimpleNamespace
 from typing import Any
 
@@ -20,6 +21,7 @@ class Machine:
 
     Args:
         asleep_ns: so long is the servo held up instead, alone and while it sleeps, before that cycle.
+        once_judged: the machine stands still just before that cycle instead, once the servo has asked for the time.
 
     Attributes:
         now_ns, slipped_ns: the wall's clock, and how far the board lets the arm's time lie behind it.
@@ -27,8 +29,10 @@ class Machine:
         told: time and lateness that each cycle was given, ns, and what had been skipped before it.
     """
 
-    def __init__(self, asleep_ns: int = 0) -> None:
+    def __init__(self, asleep_ns: int = 0, once_judged: bool = False) -> None:
         self.now_ns, self.slipped_ns, self.asleep_ns = 0, 0, asleep_ns
+        self.stall_once_judged_ns = STALL_NS if once_judged else 0
+        self.stall_inside_ns = 0 if asleep_ns or once_judged else STALL_NS
         self.cycles: list[int] = []
         self.told: list[tuple[int, int, int]] = []
         self.command = SimpleNamespace(shutdown=0)
@@ -41,20 +45,21 @@ class Machine:
         self.now_ns = max(self.now_ns, deadline_ns) + (self.asleep_ns if held_up else 0)
         return 0
 
-    def await_board(self, _board: Any, _slips: int, due_ns: int) -> int:
-        """The board lets all but a millisecond slip of what it was kept from running."""
-        if self.asleep_ns:  # it was awake
-            return 0
-        if (behind_ns := self.now_ns - self.slipped_ns - due_ns) > 3 * PERIOD_NS:
+    def await_board(self, _board: Any, _slips: int, due_ns: int) -> tuple[int, int]:
+        """The board lets all but a millisecond slip of what it was kept from running, unless it was awake."""
+        behind_ns = self.now_ns - self.slipped_ns - due_ns
+        if behind_ns > 3 * PERIOD_NS and not self.asleep_ns:
             self.slipped_ns += behind_ns - PERIOD_NS
-        return self.slipped_ns
+        told = self.slipped_ns, self.now_ns - self.slipped_ns
+        if len(self.cycles) == STALLED - 1:
+            self.now_ns, self.stall_once_judged_ns = self.now_ns + self.stall_once_judged_ns, 0
+        return told
 
     def one_cycle(self, *arguments: Any) -> None:
         self.busy.append(self.state.busy_ns)
         self.cycles.append(self.now_ns - self.slipped_ns)
         self.told.append((*arguments[-2:], self.state.skipped_ns))
-        stalls = len(self.cycles) == STALLED and not self.asleep_ns
-        self.now_ns += STALL_NS if stalls else PERIOD_NS // 10
+        self.now_ns += (self.stall_inside_ns if len(self.cycles) == STALLED else 0) or PERIOD_NS // 10
         self.command.shutdown = int(len(self.cycles) == CYCLES)
 
 
@@ -75,10 +80,21 @@ def run_on(machine: Machine, monkeypatch: pytest.MonkeyPatch) -> None:
 def test_a_machine_that_stands_still_inside_a_cycle_runs_the_next_one_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
     machine = Machine()
     run_on(machine, monkeypatch)
-    apart = [later - sooner for sooner, later in zip(machine.cycles, machine.cycles[1:], strict=False)]
+    apart = [later - sooner for sooner, later in pairwise(machine.cycles)]
     assert max(apart) <= 2 * PERIOD_NS  # of the arm's time
     assert max(machine.busy) <= 2 * PERIOD_NS  # what slipped is no time of the law's
     assert machine.heartbeat.slipped_ns == machine.slipped_ns > STALL_NS - 2 * PERIOD_NS
+
+
+def test_a_machine_that_stands_still_once_a_cycle_knows_its_time_takes_it_into_no_future(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    machine = Machine(once_judged=True)
+    run_on(machine, monkeypatch)
+    times = [now_ns for now_ns, _, _ in machine.told]
+    apart = [later - sooner for sooner, later in pairwise(times)]
+    assert max(apart) <= 2 * PERIOD_NS
+    assert machine.slipped_ns > STALL_NS - 2 * PERIOD_NS
 
 
 @pytest.mark.parametrize("asleep_ns", [PERIOD_NS // 3, PERIOD_NS, 24_300_000, STALL_NS + 1])
