@@ -48,6 +48,7 @@ LANE_CAPACITY: Final = 512  # operations
 TRACE_CAPACITY: Final = 1 << 16  # writes
 FAULT_SLOTS: Final = 16
 HISTORY_IMAGES: Final = 256
+IMAGES_TO_SHOW: Final = 2  # the image being made while operations are taken may lack them; the one after it has them
 PANEL_MICRO: Final = 1_000_000  # of the panel's analogue values in their unit
 
 

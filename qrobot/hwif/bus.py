@@ -37,12 +37,11 @@ from qrobot.hwif.registers import (
     DAC,
     DAC_ZERO,
     DISCRETE,
-    DISCRETE_CALIBRATED,
     DISCRETE_HAND_RELAXED,
-    DISCRETE_J6_OVERFLOW,
     DISCRETE_LINES,
     N_DACS,
     N_ENCODERS,
+    SCRATCH_BITS,
     WINDOW_BYTES,
 )
 
@@ -51,7 +50,6 @@ REGISTER_MASK: Final = 0xFFFF
 NO_OPERATIONS: Final = np.zeros((0, OP_FIELDS), np.int64)
 IMAGE_TRIES: Final = 100
 IMAGE_PAUSE_S: Final = 100e-6
-SCRATCH_BITS: Final = DISCRETE_CALIBRATED | DISCRETE_J6_OVERFLOW
 
 
 def check_encoders(robot: str, joints: int) -> None:

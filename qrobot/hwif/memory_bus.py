@@ -11,7 +11,7 @@ from typing import Final
 
 from qrobot.arrays import Words
 from qrobot.errors import LinkBusy, LinkLost, LinkTimeout
-from qrobot.hwif.board_memory import BoardMemory, BoardSegment, Lane, command_board_memory
+from qrobot.hwif.board_memory import IMAGES_TO_SHOW, BoardMemory, BoardSegment, Lane, command_board_memory
 from qrobot.hwif.bus import BoardFacts, MemoryEndpoint, Operations, check_image
 from qrobot.hwif.image import IMAGE_COUNT, make_image
 from qrobot.hwif.lanes import discard_operations, pending_operations
@@ -19,7 +19,6 @@ from qrobot.realtime.deadline import Deadline, comes_true
 
 TIMEOUT_S: Final = 0.1
 POLL_S: Final = 100e-6
-_FRESH: Final = 2  # the image being made while operations are taken may lack them; the one after it has them
 
 
 class MemoryBus:
@@ -69,7 +68,7 @@ class MemoryBus:
             end.apply(operations)
             self._wait(lambda: pending_operations(memory, int(self._lane)) == 0, deadline, "takes no operations")
             end.read_image(self._newest)
-            seen, fresh = int(self._newest[IMAGE_COUNT]), _FRESH if len(operations) else 1
+            seen, fresh = int(self._newest[IMAGE_COUNT]), IMAGES_TO_SHOW if len(operations) else 1
             # a count that falls is that of a board started anew
             self._wait(lambda: not 0 <= self._count(end) - seen < fresh, deadline, "shows nothing new")
         except (LinkTimeout, LinkBusy):

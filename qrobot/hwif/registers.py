@@ -88,6 +88,7 @@ DISCRETE_HAND_CLOSE: Final = 0x0004  # solenoid, active low
 DISCRETE_LINES: Final = 0x0038  # bits 3 to 5, unused by the driver [V]; which of 0 to 7 have drivers is not known [Q]
 DISCRETE_CALIBRATED: Final = 0x0040  # host scratch bit, survives the host
 DISCRETE_J6_OVERFLOW: Final = 0x0080  # host scratch bit
+SCRATCH_BITS: Final = DISCRETE_CALIBRATED | DISCRETE_J6_OVERFLOW  # STATUS shows them in the same places [I]
 DISCRETE_INDEX: Final = 0x3F00  # per joint: 0 presets the latch, 1 arms it (STATUS bit 1)
 DISCRETE_ADC: Final = 0x4000  # enables the ADC-done flip-flop
 DISCRETE_HAND_RELAXED: Final = DISCRETE_HAND_OPEN | DISCRETE_HAND_CLOSE

@@ -29,6 +29,7 @@ from qrobot.hwif.registers import (
     N_ADCS,
     N_DACS,
     N_ENCODERS,
+    SCRATCH_BITS,
     STATUS,
     STATUS_ADC_BUSY,
     STATUS_CALIBRATED,
@@ -37,7 +38,7 @@ from qrobot.hwif.registers import (
     STATUS_POWER,
 )
 from qrobot.rig.board_power import power_for_an_instant, push_each_joint, see_ways
-from qrobot.rig.board_walk import SCRATCH, LeftOutError, StepError, Walk, joints_named, reversed_counts
+from qrobot.rig.board_walk import LeftOutError, StepError, Walk, joints_named, reversed_counts
 from qrobot.rig.interrupts import interrupts_deferred
 from qrobot.servo.kernels.converter import code_volts
 
@@ -195,7 +196,7 @@ def toggle_scratch(walk: Walk) -> str:
     try:
         for bits in (DISCRETE_CALIBRATED, DISCRETE_J6_OVERFLOW, 0):
             walk.write((DISCRETE, bits | DISCRETE_HAND_RELAXED))
-            if (back := walk.status & SCRATCH) != bits:
+            if (back := walk.status & SCRATCH_BITS) != bits:
                 raise StepError(
                     f"wrote {bits:#04x} to DISCRETE, STATUS shows {back:#04x}", "do writes reach the board?"
                 )
@@ -206,9 +207,9 @@ def toggle_scratch(walk: Walk) -> str:
 
 def zero_outputs(walk: Walk) -> str:
     """Zero torque, power disabled, and the scratch bits stay."""
-    kept = walk.status & SCRATCH
+    kept = walk.status & SCRATCH_BITS
     walk.make_safe()
-    if walk.status & SCRATCH != kept:
+    if walk.status & SCRATCH_BITS != kept:
         raise StepError("the scratch bits did not stay", "bits 6 and 7 of DISCRETE and STATUS do not belong together")
     return "all converters at 0 V, power disabled"
 

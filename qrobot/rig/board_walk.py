@@ -25,14 +25,13 @@ from qrobot.hwif.registers import (
     DISCRETE_ADC,
     DISCRETE_CALIBRATED,
     DISCRETE_HAND_RELAXED,
-    DISCRETE_J6_OVERFLOW,
     ENC_COUNT,
+    SCRATCH_BITS,
     STATUS,
 )
 from qrobot.model.transmission import signed_word
 from qrobot.report import Report
 
-SCRATCH: Final = DISCRETE_CALIBRATED | DISCRETE_J6_OVERFLOW
 IMAGES_AT_MOST: Final = 1_000_000
 
 Confirm = Callable[[str], bool]
@@ -130,7 +129,7 @@ class Walk:
     @property
     def kept(self) -> int:
         """DISCRETE word that leaves the scratch bits as they are, with the hand relaxed."""
-        return self.status & SCRATCH | DISCRETE_HAND_RELAXED
+        return self.status & SCRATCH_BITS | DISCRETE_HAND_RELAXED
 
     @property
     def count(self) -> int:

@@ -18,7 +18,7 @@ from qrobot.modecodes import Mode
 from qrobot.realtime.jit import lean_kernel
 from qrobot.servo.stop_categories import category_of
 
-FAULT: Final = int(Mode.FAULT)
+FAULTED: Final = int(Mode.FAULT)
 
 
 @lean_kernel
@@ -44,7 +44,7 @@ def report_fault(state: Any, code: int, joint: int = NO_JOINT, value: float = 0.
     `value` was measured where `limit` is allowed, in the unit of `faultcodes.quantity_of`. In FAULT nothing
     worse can come, and the event says what became of a clear.
     """
-    if code == 0 or state.mode == FAULT:
+    if code == 0 or state.mode == FAULTED:
         return
     if state.pending == 0 or category_of(code) < category_of(state.pending):
         state.pending = code

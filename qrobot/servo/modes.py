@@ -137,5 +137,5 @@ def mode_name(mode: Any) -> str:
 @lean_kernel
 def gives_way(state: Any) -> bool:
     """The arm may be pushed from its setpoint: it is led, it complies with what it has met, or its law is soft."""
-    led = state.guided != 0 or (state.watch.reaction != 0 and state.watch.yields != 0)
-    return bool(state.law_failed == 0 and (state.swap.compliant != 0 or led))
+    yields = state.guided != 0 or (state.watch.reaction != 0 and state.watch.yields != 0)
+    return bool(state.law_failed == 0 and (state.swap.compliant != 0 or yields))

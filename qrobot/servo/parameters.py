@@ -14,7 +14,6 @@ import numpy as np
 from qrobot.config import Robot
 from qrobot.fences.gate import GATE
 from qrobot.fences.table import N_WORDS
-from qrobot.hwif.registers import STATUS_CALIBRATED, STATUS_J6_OVERFLOW
 from qrobot.model.dynamics import DynamicsParams, FrictionParams, dynamics_params, friction_params
 from qrobot.model.transmission import TransmissionParams, transmission_params
 from qrobot.realtime.flat_record import record_of
@@ -120,7 +119,6 @@ class ServoParameters(NamedTuple):
     fence_words: Any  # see `fences.table`
     neighbour_patience: int  # cycles without a look at other arms, see `servo.neighbour`; 0 for none
     n_neighbours: int
-    scratch_bits: int  # STATUS bits that a restarted servo takes over into DISCRETE
 
 
 def servo_parameters(robot: Robot, settings: ServoSettings, guarded: bool | None = None) -> ServoParameters:
@@ -196,7 +194,6 @@ def servo_parameters(robot: Robot, settings: ServoSettings, guarded: bool | None
             fence_words=np.zeros(N_WORDS) if settings.fences is None else np.array(settings.fences.words),
             neighbour_patience=math.ceil(PATIENCE_S * settings.rate_hz) if settings.neighbours else 0,
             n_neighbours=len(settings.neighbours),
-            scratch_bits=STATUS_CALIBRATED | STATUS_J6_OVERFLOW,
         )
     )
 

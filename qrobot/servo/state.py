@@ -177,7 +177,7 @@ class ServoState:
     outputs_sent: int = 0  # last ones posted
     analog_powered: int = 0  # power was wanted at the last tick
     bridged: int = 0  # the knot that stands for a missing frame: 1 the newest, 2 the one before, 0 neither
-    led: int = 0  # 1: the newest setpoint was led beside its place, or back to it
+    led_back: int = 0  # 1: the newest setpoint was led beside its place, or back to it
     began_ns: int = 0  # when this cycle really began
     key_told_ns: int = 0  # when the key that lets the arm move was said to be held, and when as this servo counts it
     key_ns: int = 0

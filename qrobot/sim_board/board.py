@@ -47,13 +47,12 @@ from qrobot.hwif.registers import (
     DAC_MASK,
     DAC_ZERO,
     DISCRETE,
-    DISCRETE_CALIBRATED,
-    DISCRETE_J6_OVERFLOW,
     DISCRETE_POWER,
     ENC_LOAD,
     INDEX_BIT_0,
     N_DACS,
     N_ENCODERS,
+    SCRATCH_BITS,
     STATUS_ADC_BUSY,
     STATUS_ESTOP_OK,
     STATUS_INDEX,
@@ -86,7 +85,6 @@ BRAKE_ENGAGE_NS: Final = 20_000_000  # [A]
 
 # STATUS flip-flops; their masks in DISCRETE are the same bits [V].
 FLIP_FLOPS: Final = STATUS_INDEX | STATUS_ADC_BUSY
-_SCRATCH: Final = DISCRETE_CALIBRATED | DISCRETE_J6_OVERFLOW
 _ADC_F_CONVERT: Final = 0x40  # SWCONV bit of the AD7891's control word
 _WORD: Final = 0xFFFF
 
@@ -301,7 +299,7 @@ def _status(register: Words, options: BoardOptions, memory: BoardMemory) -> int:
     inputs = memory.panel.inputs & STATUS_INPUTS & ~STATUS_ESTOP_OK
     estop = STATUS_ESTOP_OK if register[REG_ESTOP_OK] else 0
     power = STATUS_POWER if register[REG_POWER] else 0
-    return int(power | flags | register[REG_DISCRETE] & _SCRATCH | inputs | estop)
+    return int(power | flags | register[REG_DISCRETE] & SCRATCH_BITS | inputs | estop)
 
 
 @lean_kernel

@@ -34,7 +34,7 @@ from typing import Final
 from qrobot.arrays import Words
 from qrobot.config.drives import DrivesTransport
 from qrobot.errors import LinkError, ProtocolError, RemoteProtocolError
-from qrobot.hwif.bus import SCRATCH_BITS, BoardFacts, Operations
+from qrobot.hwif.bus import BoardFacts, Operations
 from qrobot.hwif.canbus.drive_power import DrivesPower
 from qrobot.hwif.canbus.ds402 import (
     CYCLIC_POSITION,
@@ -57,6 +57,7 @@ from qrobot.hwif.registers import (
     DISCRETE_CALIBRATED,
     DISCRETE_POWER,
     ENC_LOAD,
+    SCRATCH_BITS,
     STATUS_ADC_BUSY,
     STATUS_ESTOP_OK,
     STATUS_INDEX,

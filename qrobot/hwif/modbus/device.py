@@ -13,6 +13,7 @@ from typing import Final
 import numpy as np
 
 from qrobot.errors import LinkBusy, LinkError, RemoteProtocolError
+from qrobot.hwif.board_memory import IMAGES_TO_SHOW
 from qrobot.hwif.bus import Endpoint, Operations, safe_operations
 from qrobot.hwif.image import IMAGE_COUNT, IMAGE_INPUTS, IMAGE_STATUS, make_image
 from qrobot.hwif.modbus.map import (
@@ -40,9 +41,8 @@ from qrobot.report import Report
 from qrobot.units import NS_PER_MS
 
 WATCHDOG_MS: Final = 100.0
-FENCE_IMAGES: Final = 2  # the image being made while operations are taken may lack them; the one after it has them
-FENCE_POLL_S: Final = 100e-6
-FENCE_POLLS: Final = 100  # then a board that shows nothing new is read as it is
+LOOK_S: Final = 100e-6
+LOOKS: Final = 100  # then a board that shows nothing new is read as it is
 _ADC_START: Final = ADC_START // 2
 _DISCRETE: Final = DISCRETE // 2 - FIRST_WRITTEN
 
@@ -195,7 +195,7 @@ class ModbusDevice:
             return {IDENTITY: encode_identity(self._endpoint.facts())}
         self._fetch()
         if address < IMAGE and client is self._holder:
-            self._fence()
+            self._await_written()
         return {
             WINDOW: [*self._image[IMAGE_INPUTS:].tolist(), *self._written],
             IMAGE: [*encode_image(self._image), *self._counters(client)],
@@ -238,14 +238,14 @@ class ModbusDevice:
             if kind == OP_WRITE and offset >= 2 * FIRST_WRITTEN:
                 self._written[offset // 2 - FIRST_WRITTEN] = value & WORD_MASK
 
-    def _fence(self) -> None:
+    def _await_written(self) -> None:
         """Wait for the image that shows the newest write; in vain when the board shows nothing new."""
         before, self._written_at = self._written_at, None
-        for _ in range(FENCE_POLLS):
+        for _ in range(LOOKS):
             # a count that falls is that of a board started anew
-            if before is None or not 0 <= int(self._image[IMAGE_COUNT]) - before < FENCE_IMAGES:
+            if before is None or not 0 <= int(self._image[IMAGE_COUNT]) - before < IMAGES_TO_SHOW:
                 return
-            self._pause(FENCE_POLL_S)
+            self._pause(LOOK_S)
             self._fetch()
 
     def _fetch(self) -> None:

@@ -21,7 +21,7 @@ from __future__ import annotations
 
 from typing import Any, Final
 
-from qrobot.hwif.board_memory import BoardMemory, Lane
+from qrobot.hwif.board_memory import IMAGES_TO_SHOW, BoardMemory, Lane
 from qrobot.hwif.lanes import posted_so_far, taken_so_far
 from qrobot.hwif.registers import STATUS_POWER
 from qrobot.realtime.atomics import load_acquire, store_release
@@ -34,8 +34,7 @@ from qrobot.servo.state import (
 )
 
 SERVO_LANE: Final = int(Lane.SERVO)
-IMAGES_TO_SHOW: Final = 2  # the image being made while operations are taken may lack them; the one after it has them
-NONE: Final = -1
+NO_LIST: Final = -1
 
 
 @lean_kernel
@@ -85,14 +84,14 @@ def disarm_when_safe(state: ServoState, mail: Any, board: BoardMemory, held: boo
         return
     head = posted_so_far(board, SERVO_LANE)
     if state.driven != 0 or held or head < state.safe_head:  # the last: another board's memory
-        state.safe_head, state.safe_image = NONE, NONE
-    elif state.safe_head == NONE:
-        state.safe_head = head if posted else NONE
-    elif state.safe_image == NONE:
+        state.safe_head, state.safe_image = NO_LIST, NO_LIST
+    elif state.safe_head == NO_LIST:
+        state.safe_head = head if posted else NO_LIST
+    elif state.safe_image == NO_LIST:
         if taken_so_far(board, SERVO_LANE) >= state.safe_head:
             state.safe_image = state.image_seen
     elif state.image_seen < state.safe_image:
-        state.safe_head, state.safe_image = NONE, NONE  # a board that began to count anew
+        state.safe_head, state.safe_image = NO_LIST, NO_LIST  # a board that began to count anew
     elif _shown_off(state):
         state.armed = 0
         store_release(mail.heartbeat, "armed", 0)

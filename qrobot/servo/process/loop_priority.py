@@ -18,7 +18,7 @@ from qrobot.units import NS_PER_S
 PATIENCE_NS: Final = NS_PER_S  # without a cycle
 # One look may stand for so much of it: a process that was stopped as a whole looks before its loop can run again.
 LOOK_NS: Final = PATIENCE_NS // 2
-TAKEN: Final = 10  # so many times as long does a wait count beside a guardian that has taken the board
+TAKEN_WEIGHT: Final = 10  # so many times as long does a wait count beside a guardian that has taken the board
 
 
 class LoopPriority:
@@ -45,7 +45,7 @@ class LoopPriority:
             self._beat, self._waited_ns = beat, 0
             self._give_back()
             return
-        self._waited_ns += min(since_ns * (TAKEN if taken else 1), LOOK_NS)
+        self._waited_ns += min(since_ns * (TAKEN_WEIGHT if taken else 1), LOOK_NS)
         if self._waited_ns >= PATIENCE_NS and self._lent is None:
             self._take()
 

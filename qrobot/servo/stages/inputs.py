@@ -10,6 +10,7 @@ from qrobot.hwif.registers import (
     DISCRETE_CALIBRATED,
     DISCRETE_HAND_RELAXED,
     DISCRETE_INDEX,
+    SCRATCH_BITS,
     STATUS_CALIBRATED,
 )
 from qrobot.modecodes import Mode
@@ -106,6 +107,12 @@ def read(params: ServoParameters, state: ServoState) -> None:
         state.adopt = ADOPT_JUMPED if jumped else ADOPT_BOARD  # it may come back as another one
     if fresh and state.image_ok != 0:
         read_encoders(params, state)
+    read_converter(params, state, whole)
+
+
+@part_kernel
+def read_converter(params: ServoParameters, state: ServoState, whole: bool) -> None:
+    """Take what the image holds of the converter: sensors, the wrench they tell, and potentiometers."""
     taken_ns, patience = state.image_taken_ns, params.adc_patience
     channel = -1
     if whole:
@@ -168,7 +175,7 @@ def adopt(params: ServoParameters, state: ServoState, words: Any) -> None:
         state.counts[j] = signed_word(words[j])
     counts_to_joint(state.counts, params.transmission, state.q_before)
     start_observer(state.q_before, state.observed, state.v, state.unmodelled)
-    kept = state.status & params.scratch_bits
+    kept = state.status & SCRATCH_BITS
     if state.adopt == ADOPT_JUMPED:
         kept &= ~STATUS_CALIBRATED
     state.discrete_word = kept | DISCRETE_HAND_RELAXED

@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import Any, Final
 
 from qrobot.faultcodes import FaultCode
-from qrobot.hwif.registers import STATUS_CALIBRATED, STATUS_ESTOP_OK, STATUS_POWER
+from qrobot.hwif.registers import DISCRETE_CALIBRATED, STATUS_CALIBRATED, STATUS_ESTOP_OK, STATUS_POWER
 from qrobot.modecodes import Mode
 from qrobot.realtime.atomics import load_acquire
 from qrobot.realtime.jit import lean_kernel, part_kernel
@@ -214,7 +214,7 @@ def _watch_power_up(params: ServoParameters, state: ServoState, mail: Any, now_n
 def _forget_calibration(state: ServoState) -> None:
     """Declare counters that the potentiometers contradict not calibrated, when asked to calibrate without power."""
     if state.pots.verdict == IMPLAUSIBLE:
-        state.discrete_word &= ~STATUS_CALIBRATED
+        state.discrete_word &= ~DISCRETE_CALIBRATED
         state.adopt = ADOPT_JUMPED
         report_event(state, NONE)
 

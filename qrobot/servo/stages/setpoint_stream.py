@@ -116,7 +116,7 @@ def start_stream(params: ServoParameters, state: ServoState, now_ns: int) -> Non
     state.stream = state.frame.stream
     state.next_seq = state.frame.seq
     state.last_arrival_ns = now_ns
-    state.misses = state.bridged = state.led = 0
+    state.misses = state.bridged = state.led_back = 0
     rest_at(state.knots, state.rounding, state.q_ref)
     for j in range(state.q.size):
         state.aside[j] = 0.0
@@ -177,10 +177,8 @@ def _judge_substitute(params: ServoParameters, state: ServoState) -> tuple[int, 
 
 
 @lean_kernel
-def _judge_frame(params: ServoParameters, state: ServoState) -> tuple[int, int]:
-    """(code, joint) of the frame looked at; joints it does not speak of stay at their newest knot."""
-    if state.frame.period_ns != state.frame_ns:
-        return SP_INVALID, NO_JOINT
+def _fill_in(params: ServoParameters, state: ServoState) -> None:
+    """Give each joint of the frame looked at a path to its setpoint; the others stay at their newest knots."""
     for j in range(state.q.size):
         if state.joint_modes[j] == TORQUE_SETPOINT and state.setpoint_modes[j] != TORQUE_SETPOINT:
             # back to a position: from where the joint is, at the speed it has
@@ -195,12 +193,27 @@ def _judge_frame(params: ServoParameters, state: ServoState) -> tuple[int, int]:
             )
         if state.setpoint_modes[j] == 0:
             state.setpoint_modes[j], state.setpoint[j] = POSITION_SETPOINT, state.knots[3, j] - state.aside[j]
-    period_s = state.frame_ns * 1e-9
+
+
+@lean_kernel
+def _bends_back(params: ServoParameters, state: ServoState) -> bool:
+    """Lead the setpoints back to their places after a lost frame; whether they are on that way, or at its end."""
+    was_led = state.led_back != 0
     led = lead_back(
         state.setpoint, state.setpoint_modes, state.knots, state.aside, state.bridged,
-        state.range_min, state.range_max, params.v_max, params.a_setpoint, period_s,
+        state.range_min, state.range_max, params.v_max, params.a_setpoint, state.frame_ns * 1e-9,
     )  # fmt: skip
-    led, state.led = led or state.led != 0, 1 if led else 0  # the one after the last that was led ends its bend
+    state.led_back = 1 if led else 0
+    return bool(led or was_led)  # the one after the last that was led ends its bend
+
+
+@lean_kernel
+def _judge_frame(params: ServoParameters, state: ServoState) -> tuple[int, int]:
+    """(code, joint) of the frame looked at, once each joint has its setpoint."""
+    if state.frame.period_ns != state.frame_ns:
+        return SP_INVALID, NO_JOINT
+    _fill_in(params, state)
+    led, period_s = _bends_back(params, state), state.frame_ns * 1e-9
     code, joint = check_setpoint(
         state.setpoint, state.setpoint_modes, state.knots, state.range_min, state.range_max,
         params.v_setpoint, params.a_setpoint, params.tau_setpoint, period_s, BEND_SLACK if led else 1.0,

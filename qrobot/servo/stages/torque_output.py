@@ -63,7 +63,9 @@ from qrobot.servo.stages.guiding import FRICTION_SHARE, led
 from qrobot.servo.state import (
     ServoState,
 )
+from qrobot.wire.vocabulary import Hand
 
+OPEN, CLOSED = int(Hand.OPEN), int(Hand.CLOSED)
 OFF: Final = int(Mode.OFF)
 UNCALIBRATED: Final = int(Mode.UNCALIBRATED)
 HOLDING: Final = int(Mode.HOLDING)
@@ -285,9 +287,9 @@ def compose_discrete(state: ServoState, hand: int, sampling: bool) -> None:
         word |= DISCRETE_ADC
     if wants_power(state.mode):
         word |= DISCRETE_POWER
-    if hand == 1:
-        word |= DISCRETE_HAND_CLOSE
-    elif hand == 2:
+    if hand == OPEN:
+        word |= DISCRETE_HAND_CLOSE  # which keeps the other solenoid off
+    elif hand == CLOSED:
         word |= DISCRETE_HAND_OPEN
     else:
         word |= DISCRETE_HAND_RELAXED

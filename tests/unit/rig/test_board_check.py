@@ -28,12 +28,13 @@ from qrobot.hwif.registers import (
     DISCRETE_J6_OVERFLOW,
     DISCRETE_POWER,
     ENC_LOAD,
+    SCRATCH_BITS,
     STATUS_ADC_BUSY,
     STATUS_INDEX,
 )
 from qrobot.rig.board_check import STEPS, Permissions, check_board, turn_by_hand
 from qrobot.rig.board_power import see_ways
-from qrobot.rig.board_walk import SCRATCH, LeftOutError, StepError, Walk
+from qrobot.rig.board_walk import LeftOutError, StepError, Walk
 from qrobot.rig.interrupts import interrupted_by_signals
 from qrobot.sim_board.board import BoardOptions
 from qrobot.sim_board.faults import FaultPlan
@@ -68,7 +69,7 @@ def test_a_board_that_is_not_calibrated_is_not_left_calibrated() -> None:
     assert not desk.emulator.calibrated
 
 
-@pytest.mark.parametrize("found", [0, DISCRETE_J6_OVERFLOW, SCRATCH])
+@pytest.mark.parametrize("found", [0, DISCRETE_J6_OVERFLOW, SCRATCH_BITS])
 @pytest.mark.parametrize("error", [KeyboardInterrupt, LinkLost])
 def test_scratch_bits_that_were_tried_are_not_left_on_a_board_also_when_that_is_broken_off_twice(
     found: int, error: type[BaseException]
@@ -89,7 +90,7 @@ def test_scratch_bits_that_were_tried_are_not_left_on_a_board_also_when_that_is_
     assert left == [0]
     image = make_image()
     desk.end.read_image(image)
-    assert image[IMAGE_STATUS] & SCRATCH == found
+    assert image[IMAGE_STATUS] & SCRATCH_BITS == found
 
 
 def test_a_dry_run_writes_nothing() -> None:
