@@ -51,15 +51,22 @@ class Bridge:
         if not self._loop.is_closed():
             self._loop.call_soon_threadsafe(self._stop.set)
 
-    def connect(self) -> Client:
-        return Client(self.server.address)
+    def stall(self, seconds: float, told_at: str) -> None:
+        """It stands still with its arm, beginning soon; see `FakePort.stall`."""
+        self._loop.call_soon_threadsafe(self.port.stall, seconds, told_at)
+
+    def connect(self, source: str = "") -> Client:
+        """A client, from another address of this machine where one is given."""
+        return Client(self.server.address, source)
 
 
 class Client:
     """A blocking client, as short as can be."""
 
-    def __init__(self, address: tuple[str, int]) -> None:
+    def __init__(self, address: tuple[str, int], source: str = "") -> None:
         self.socket = socket.socket()
+        if source:
+            self.socket.bind((source, 0))
         self.socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 16_384)  # so that a sleeper is found out soon
         self.socket.settimeout(PATIENCE_S)
         self.socket.connect(address)

@@ -21,7 +21,7 @@ import llvmlite.binding as llvm
 
 ROOT: Final = str(Path(__file__).resolve().parents[2])
 OURS: Final = ("qrobot/", "tests/", "examples/")  # not benchmarks, which are there to measure
-READINGS: Final = ("time", "monotonic", "perf_counter", "process_time", "thread_time")
+READINGS: Final = ("time", "monotonic", "perf_counter", "process_time", "thread_time", "clock_gettime")
 CLOCKS: Final = (*READINGS, *(f"{name}_ns" for name in READINGS), "sleep")
 CALENDARS: Final = ("localtime", "gmtime", "ctime", "asctime", "strftime")  # clocks when they are not told a time
 
@@ -34,6 +34,7 @@ CALLERS: Final[dict[str, str]] = {
     "qrobot/servo/laws/trial.py": "measures how long a law takes",
     "qrobot/hwif/bus.py": "pauses between two tries of a read of the board's image, which another thread writes",
     "qrobot/hwif/gateway.py": "its loop owns a clock; each step of a gateway is told the time",
+    "qrobot/rccl_bridge/arm_time.py": "is asked by the server, whose loop owns a clock",
     "qrobot/rccl_bridge/server.py": "its loop owns a clock; a session is told the time, and tests make it patient",
     "qrobot/rci/tcp.py": "a program on a real socket lives on the wall clock; its motion goes by the states it gets",
     "qrobot/rccl/transforms.py": "tells how long a function of a program took, and decides nothing by it",
@@ -153,7 +154,7 @@ def _checked(clock: Callable[..., Any], name: str, given: int | None = None) -> 
     """The clock, refused to code of ours; `given` that many arguments it is none."""
 
     def checked(*arguments: Any) -> Any:
-        if WATCH.forbidden and (given is None or len(arguments) < given):
+        if WATCH.forbidden and (given is None or len(arguments) < given or arguments[given - 1] is None):
             caller = _file_of(sys._getframe(1))
             if _is_checked(caller):
                 raise WATCH.refuse(f"{caller} called time.{name}")

@@ -278,7 +278,10 @@ class RunningArm:
 
     def now_ns(self) -> int:
         """The arm's time: CLOCK_MONOTONIC, less what did not count of it."""
-        return time.monotonic_ns() - self.word("heartbeat", "slipped_ns")
+        slipped_ns = -1
+        while slipped_ns != (newest_ns := self.word("heartbeat", "slipped_ns")):
+            slipped_ns, now_ns = newest_ns, time.monotonic_ns()
+        return now_ns - slipped_ns
 
     def word(self, block: str, name: str) -> int:
         """A field of the servo's memory."""

@@ -78,16 +78,27 @@ def test_states_keep_their_grid_over_a_second_at_one_kilohertz() -> None:
 
 
 @pytest.mark.realtime
-def test_a_machine_that_stands_still_as_the_bridge_reads_leaves_no_gap_in_the_grid() -> None:
+@pytest.mark.parametrize("told_at", ["asked", "read"])
+def test_a_machine_that_stood_still_leaves_no_gap_in_the_grid_whenever_the_arm_tells_of_it(told_at: str) -> None:
     """The arm's time stood still as well, which it tells later: what the clock says meanwhile lies in the future."""
     stall_s = 0.5
     with Bridge() as bridge, bridge.connect() as client:
         client.join()
-        before = client.hear().seq
-        bridge.port.stall_s = stall_s
-        numbers = [before, *(client.hear().seq for _ in range(20))]
-        assert bridge.port.slipped > 0
+        numbers = [client.hear().seq]
+        bridge.stall(stall_s, told_at)
+        while not bridge.port.slipped:
+            numbers.append(client.hear().seq)
+        numbers += [client.hear().seq for _ in range(20)]
         assert max(np.diff(numbers)) * COMMANDER.period_us < 0.5 * stall_s * 1e6
+
+
+def test_a_servo_that_seems_to_be_away_at_one_look_is_looked_at_again() -> None:
+    with Bridge() as bridge, bridge.connect() as client:
+        client.join()
+        client.hear()
+        bridge.port.blind = 1
+        assert all(isinstance(client.hear(), State) for _ in range(5))
+        assert bridge.port.blind == 0
 
 
 def test_a_socket_that_breaks_leaves_a_stop_and_a_free_lease() -> None:
@@ -160,6 +171,15 @@ def test_whoever_does_not_greet_gives_way_to_whoever_comes_after() -> None:
             assert {refusal.code for refusal in refusals} == {ErrorCode.FULL}
             assert isinstance(commander.hear(), State)
         wait_until(lambda: len(bridge.server.clients) <= 16 + MAX_LINGERING, "the others are gone")
+
+
+def test_a_crowd_of_one_address_takes_no_time_to_greet_from_whoever_came_before_it_from_another() -> None:
+    """Of those who have not greeted, the first to come of the most frequent address gives way, not the first of all."""
+    with Bridge() as bridge, ExitStack() as crowd, bridge.connect("127.0.0.2") as slow:
+        mute = [crowd.enter_context(bridge.connect("127.0.0.3")) for _ in range(40)]
+        assert {client.hear().code for client in mute[:24]} == {ErrorCode.FULL}
+        slow.join(COMMANDER)
+        assert isinstance(slow.hear(), State)
 
 
 @pytest.mark.realtime

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import shutil
 import signal
 import subprocess
@@ -12,8 +13,9 @@ import numpy as np
 import pytest
 
 from qrobot.log.read import read_log
+from qrobot.realtime.jit import jit_disabled
 from qrobot.rig.experiment import ExperimentRun, run_lockstep
-from tests.support.patience import PATIENCE_S
+from tests.support.patience import PATIENCE_S, wait_until
 from tests.support.processes import FIRST_START_S, qrobot
 from tests.support.thorough import wide
 
@@ -26,6 +28,20 @@ def telling(q_ref, v_ref, q, v, gains, gravity, friction, memory, tau):
         tau[j] = gains[KP, j] * (q_ref[j] - q[j]) + gains[KV, j] * (v_ref[j] - v[j]) + gravity[j] + friction[j]
     memory[SIGNALS_AT] = tau[1]
 """
+
+# After some seconds of a run, whose law its trial has found harmless.
+HANGING = """
+from qrobot.servo.laws.law import law
+
+@law
+def hanging(gravity, memory, tau):
+    memory[0] += 1.0
+    for j in range(tau.size):
+        tau[j] = gravity[j]
+    while memory[0] > 3000.0:
+        tau[0] += 1e-9
+"""
+HANGS_AFTER_S = 8.0  # of computing; a run takes less
 
 RUN_KEYS = {
     "rate_hz": int,
@@ -87,3 +103,24 @@ def test_ctrl_c_ends_a_demo_in_lockstep(tmp_path: Path, run: int) -> None:
         _, said = process.communicate(timeout=PATIENCE_S)
     assert process.returncode == 130
     assert "Traceback" not in said
+
+
+@pytest.mark.skipif(jit_disabled(), reason="plain Python hears Ctrl-C in any loop")
+def test_ctrl_c_ends_a_demo_whose_law_never_comes_back(tmp_path: Path) -> None:
+    (tmp_path / "my_laws.py").write_text(HANGING)
+    with demo(tmp_path, "--lockstep", "--rate", "1000", "--law", f"{tmp_path}/my_laws.py:hanging") as process:
+        assert process.stderr is not None
+        while "run 1 of" not in (line := process.stderr.readline()):
+            assert line, "it has ended"
+        caught_s = computing_s(process.pid) + HANGS_AFTER_S
+        wait_until(lambda: computing_s(process.pid) > caught_s, "the law hangs")
+        process.send_signal(signal.SIGINT)
+        _, said = process.communicate(timeout=PATIENCE_S)
+    assert process.returncode == 130
+    assert "run 2 of" not in said
+
+
+def computing_s(process: int) -> float:
+    """Seconds for which a process has computed so far."""
+    fields = Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import threading
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from benchmarks.stalls import Stalls, stall, stall_again_and_again, swing
+from benchmarks.stalls import Stalls, slipped_s, stall, stall_again_and_again, swing
 from qrobot.modecodes import Mode
 from qrobot.servo.memory.telemetry import Rows
+from qrobot.servo.operator.client import ServoClient
 from qrobot.units import NS_PER_S
 from tests.support.patience import wait_until
-from tests.support.processes import RunningArm
+from tests.support.processes import RunningArm, running_arms
 from tests.support.shared_arm import SharedArm
 
 pytestmark = pytest.mark.realtime
@@ -21,6 +23,7 @@ TIMES, SEED = 8, 6
 TRIES, TOGETHER_S = 3, 0.005  # a run in which the signals themselves came so far apart stopped nobody at once
 ALONE_S, TOO_LONG_S = 0.025, 0.06  # beyond it an arm has left its path
 RAD_S, AFTER_S = 0.8, 0.03
+STILL_S, RATE_HZ = 0.3, 1000
 
 
 def test_all_processes_of_a_moving_arm_may_stop_at_once_and_go_on(shared_arm: SharedArm) -> None:
@@ -32,6 +35,18 @@ def test_all_processes_of_a_moving_arm_may_stop_at_once_and_go_on(shared_arm: Sh
     assert (found.events, found.times) == ([], TIMES), shared_arm.running().told_of_the_stop()
     assert 0.5 * found.stopped_s < found.slipped_s
     assert found.largest_error < 0.02
+    with ServoClient(shared_arm.running().name) as client:
+        assert client.status().board.slipped_ms * 1e-3 >= found.slipped_s
+    wait_until(lambda: "time stood still for" in shared_arm.running().said("board"), "its board says so")
+
+
+def test_without_time_slip_a_machine_that_stands_still_makes_a_servo_late(tmp_path: Path) -> None:
+    with running_arms(tmp_path, board="time_slip = false") as (arm,):
+        before = arm.snapshot().late_cycles
+        stall(arm.running().values(), STILL_S)
+        missed = 0.5 * STILL_S * RATE_HZ
+        wait_until(lambda: arm.snapshot().late_cycles - before > missed, "the servo counts what it missed")
+        assert slipped_s(arm.name) == 0.0
 
 
 def stalls_of_a_moving_arm(shared_arm: SharedArm) -> Stalls:

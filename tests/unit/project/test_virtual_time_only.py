@@ -22,6 +22,12 @@ from tests.support.paper_board import PaperBoard
 
 ROOT = Path(__file__).parents[3]
 
+# They change a clock, tell of one, or reckon with times that they are told.
+NO_CLOCKS = {
+    "clock_getres", "clock_settime", "clock_settime_ns", "get_clock_info", "mktime", "pthread_getcpuclockid",
+    "strptime", "struct_time", "tzset",
+}  # fmt: skip
+
 
 @kernel
 def now_ns() -> int:
@@ -35,9 +41,14 @@ def sleep() -> None:
     sleep_until_ns(0)
 
 
+def test_every_function_of_pythons_time_is_refused_or_reads_no_clock() -> None:
+    functions = {name for name, found in vars(time).items() if callable(found) and not name.startswith("_")}
+    assert functions == {*CLOCKS, *CALENDARS, *NO_CLOCKS}
+
+
 @pytest.mark.parametrize("name", CLOCKS)
 def test_no_clock_of_python_can_be_read(name: str) -> None:
-    arguments = (0.0,) if name == "sleep" else ()
+    arguments = {"sleep": (0.0,), "clock_gettime": (0,), "clock_gettime_ns": (0,)}.get(name, ())
     with pytest.raises(ClockReadError, match=f"time.{name} in a test on virtual time"), virtual_time_only():
         getattr(time, name)(*arguments)
 
@@ -47,8 +58,9 @@ def test_a_calendar_is_a_clock_unless_it_is_told_the_time(name: str) -> None:
     arguments = ("%H",) if name == "strftime" else ()
     told = time.gmtime(0.0) if name in ("strftime", "asctime") else 0.0
     assert getattr(time, name)(*arguments, told)
-    with pytest.raises(ClockReadError), virtual_time_only():
-        getattr(time, name)(*arguments)
+    for nothing in ((), (None,)):
+        with pytest.raises(ClockReadError), virtual_time_only():
+            getattr(time, name)(*arguments, *nothing)
 
 
 @pytest.mark.parametrize("call", [now_ns, sleep])

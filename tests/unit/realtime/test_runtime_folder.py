@@ -9,7 +9,7 @@ import socket
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -327,31 +327,52 @@ def test_the_group_may_look_but_not_serve(folder: Path, monkeypatch: pytest.Monk
     assert "wanted is 0750" in as_other_account(look)
 
 
-@pytest.mark.skipif(not COMPILER, reason="no C compiler: apt install gcc")
-def test_a_c_program_finds_the_same_folder_and_refuses_the_same_files(session: Path, tmp_path: Path) -> None:
+@pytest.fixture
+def says(session: Path, tmp_path: Path) -> Callable[..., list[str]]:
+    """What a program in C finds with these variables: the folder, and how it fares with the board's file there."""
     program, source = tmp_path / "where", tmp_path / "where.c"
     source.write_text(PRINT_PATH)
     subprocess.run(
         [COMPILER, "-std=c99", "-Wall", "-Wextra", "-Werror", f"-I{HEADERS}", source, "-o", program], check=True
     )
 
-    def says(**variables: str) -> list[str]:
+    def run(**variables: str) -> list[str]:
         with pytest.MonkeyPatch.context() as patch:
             for name in ("QROBOT_RUNTIME_DIR", "XDG_RUNTIME_DIR"):
                 patch.delenv(name, raising=False)
             for name, value in variables.items():
                 patch.setenv(name, value)
-            run = subprocess.run([program], env=dict(os.environ), capture_output=True, text=True, check=True)
-            assert run.stdout.split()[0] == str(runtime_path())
-            return run.stdout.split()
+            found = subprocess.run([program], env=dict(os.environ), capture_output=True, text=True, check=True)
+            assert found.stdout.split()[0] == str(runtime_path())
+            return found.stdout.split()
 
+    return run
+
+
+@pytest.fixture
+def board(session: Path) -> Path:
+    """The file of a board in the folder of the session."""
+    made = session / "qrobot"
+    made.mkdir(0o700)
+    file = made / f"{ARM}-board"
+    file.touch(0o600)
+    return file
+
+
+needs_compiler = pytest.mark.skipif(not COMPILER, reason="no C compiler: apt install gcc")
+
+
+@needs_compiler
+def test_a_c_program_finds_the_same_folder(session: Path, says: Callable[..., list[str]]) -> None:
     assert says(QROBOT_RUNTIME_DIR=str(session / "chosen"))[1] == "missing"
     assert says(XDG_RUNTIME_DIR=str(session))[0] == str(session / "qrobot")
     assert says(XDG_RUNTIME_DIR="/proc")[0] == says()[0]
-    made = session / "qrobot"
-    made.mkdir(0o700)
-    board = made / f"{ARM}-board"
-    board.touch(0o600)
+
+
+@needs_compiler
+def test_a_c_program_refuses_the_same_files(
+    session: Path, tmp_path: Path, board: Path, says: Callable[..., list[str]]
+) -> None:
     assert says(XDG_RUNTIME_DIR=str(session))[1] == "opened"
     board.chmod(0o666)
     assert says(XDG_RUNTIME_DIR=str(session))[1] == "refused"
@@ -360,5 +381,16 @@ def test_a_c_program_finds_the_same_folder_and_refuses_the_same_files(session: P
     assert says(XDG_RUNTIME_DIR=str(session))[1] == "refused"
     board.unlink()
     board.touch(0o600)
-    made.chmod(0o777)
+    board.parent.chmod(0o777)
     assert says(XDG_RUNTIME_DIR=str(session))[1] == "refused"
+
+
+@needs_root
+@needs_compiler
+def test_a_c_program_refuses_a_file_that_is_not_of_the_folders_account(
+    session: Path, board: Path, says: Callable[..., list[str]]
+) -> None:
+    os.chown(board, OTHER, OTHER)
+    assert says(XDG_RUNTIME_DIR=str(session))[1] == "refused"
+    os.chown(board, 0, 0)
+    assert says(XDG_RUNTIME_DIR=str(session))[1] == "opened"

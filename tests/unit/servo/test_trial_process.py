@@ -133,9 +133,23 @@ def test_a_law_without_an_end_is_refused_and_so_it_is_in_lockstep(tmp_path: Path
         LockstepRig(ROBOT, ServoSettings(rate_hz=1000.0, law=f"{path}:mine"))
 
 
+@pytest.mark.skipif(jit_disabled(), reason="plain Python is not timed")
+def test_a_law_that_is_too_slow_for_the_rate_is_refused_and_so_it_is_in_lockstep(tmp_path: Path) -> None:
+    path = tmp_path / "law_file.py"
+    path.write_text(
+        HEAD + "@law\ndef mine(q, tau):\n    x = q[0]\n    for k in range(1000000):\n        x = x * 0.999 + 1e-3 * k\n"
+        "    for j in range(tau.size):\n        tau[j] = 1e-12 * x\n"
+    )
+    with pytest.raises(ConfigError, match=r"takes .* us, and a cycle of 250 us leaves it 125\.0: make it faster"):
+        tried_law(f"{path}:mine", ROBOT, {}, 250_000)
+    with pytest.raises(ConfigError, match=r"leaves it 125\.0: make it faster"):
+        LockstepRig(ROBOT, ServoSettings(rate_hz=4000.0, law=f"{path}:mine"))
+
+
 def test_a_file_that_takes_all_memory_is_refused(tmp_path: Path) -> None:
+    """Five gibibytes that nobody touches, which the system would give to anybody."""
     with pytest.raises(ConfigError, match="MemoryError: Unable to allocate"):
-        tried(tmp_path, "import numpy\nnumpy.ones(10**11)\n" + ZEROS)
+        tried(tmp_path, "import numpy\nnumpy.zeros(5 << 30, numpy.uint8)\n" + ZEROS)
 
 
 def test_a_file_that_ends_its_process_is_refused(tmp_path: Path) -> None:
