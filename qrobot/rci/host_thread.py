@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import ctypes
 import threading
-from collections.abc import Callable
+import time
+from collections.abc import Callable, Collection
+from contextlib import suppress
 from typing import Any, Final
 
-from qrobot.errors import LinkLost, RogueTask
+from qrobot.errors import LinkLost, QRobotError, RogueTask
 from qrobot.rci.common_clock import CommonClock
 from qrobot.rci.descriptor import TaskDescriptor, TaskState, TaskWord
 from qrobot.rci.monitor import Monitor
@@ -19,6 +21,8 @@ from qrobot.units import NS_PER_S
 
 WATCH_S: Final = 0.005  # [A] between two looks at how long tasks have been running
 PATIENCE_S: Final = 1.0  # [A] with a task that was told to end and is inside a library that knows no exceptions
+FAREWELL_S: Final = 8.0  # [A] with robots that come to rest, when the planning program is gone
+_HELD: Final = (TaskState.ATTACHING, TaskState.READY, TaskState.ACTIVE, TaskState.RELEASING)
 
 
 class HostThread:
@@ -104,6 +108,15 @@ class HostThread:
     def hung(self) -> bool:
         """True when it never comes back, and its tasks have ended."""
         return self._hung
+
+    def farewell(self, tds: Collection[TaskDescriptor]) -> None:
+        """Bring the robots of its tasks to a controlled stop: the planning program is gone."""
+        deadline = time.monotonic() + FAREWELL_S
+        with suppress(QRobotError):
+            self.order("release", sum(td.bit for td in tds), False)
+        while any(td.state in _HELD for td in tds) and time.monotonic() < deadline:
+            self.end_rogues(self._clock.now_ns())
+            time.sleep(WATCH_S)
 
     def close(self) -> None:
         """End the thread, unless it never comes back."""

@@ -12,7 +12,6 @@ import os
 import pickle
 import signal
 import time
-from contextlib import suppress
 from multiprocessing.connection import Connection, wait
 from typing import Any
 
@@ -21,16 +20,13 @@ import numpy as np
 from qrobot.errors import QRobotError
 from qrobot.rci import calls
 from qrobot.rci.common_clock import CommonClock
-from qrobot.rci.descriptor import TaskDescriptor, TaskState
+from qrobot.rci.descriptor import TaskDescriptor
 from qrobot.rci.environment import link_maker
 from qrobot.rci.host_thread import WATCH_S, HostThread
 from qrobot.rci.processor_image import AreaRecord, ProcessorImage, TaskRecord
 from qrobot.rci.task_table import SharedArea, SharedProgram, TaskTable
 from qrobot.realtime.process_end import end_of_process
 from qrobot.realtime.setup import lock_memory, pin_threads, tighten_timers
-
-_HELD = (TaskState.ATTACHING, TaskState.READY, TaskState.ACTIVE, TaskState.RELEASING)
-FAREWELL_S = 8.0  # [A] with robots that come to rest, when the planning program is gone
 
 
 def run_processor(image: ProcessorImage, orders: Connection, events: Connection) -> None:
@@ -85,7 +81,7 @@ class AuxiliaryProcessor:
             while self._look_after() and self._take_order(orders):
                 pass
         except (EOFError, OSError):
-            self._farewell()
+            self._host.farewell(self._tds)
         os._exit(0)  # the thread of a task that never comes back would keep us
 
     def _take_order(self, orders: Connection) -> bool:
@@ -109,15 +105,6 @@ class AuxiliaryProcessor:
                 self._told[td.bit] = td.starts
                 self._events.send((td.bit, td.starts, portable(error)))
         return not self._host.hung
-
-    def _farewell(self) -> None:
-        """Bring all robots to a controlled stop."""
-        deadline = time.monotonic() + FAREWELL_S
-        with suppress(QRobotError):
-            self._host.order("release", sum(td.bit for td in self._tds), False)
-        while any(td.state in _HELD for td in self._tds) and time.monotonic() < deadline:
-            self._host.end_rogues(time.monotonic_ns())
-            time.sleep(WATCH_S)
 
 
 def _outcome(host: HostThread, order: str, arguments: Any) -> BaseException | None:

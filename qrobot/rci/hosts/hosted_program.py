@@ -5,13 +5,12 @@ from __future__ import annotations
 import os
 import signal
 import time
-from contextlib import suppress
 from typing import Any, Final
 
-from qrobot.errors import ConfigError, QRobotError, RemoteProtocolError
+from qrobot.errors import ConfigError, RemoteProtocolError
 from qrobot.rci import calls
 from qrobot.rci.common_clock import CommonClock
-from qrobot.rci.descriptor import TaskDescriptor, TaskState, TaskWord, local_area
+from qrobot.rci.descriptor import TaskDescriptor, TaskWord, local_area
 from qrobot.rci.environment import Environment, link_maker
 from qrobot.rci.host_thread import HostThread
 from qrobot.rci.hosts.functions import function_named
@@ -32,9 +31,6 @@ from qrobot.rci.task_runner import ControlFunctions
 from qrobot.rci.task_table import Bytes, SharedProgram, TaskTable
 
 FORWARDED: Final = (signal.SIGUSR1, signal.SIGUSR2)  # of tasks to their planning program
-FAREWELL_S: Final = 8.0  # [A] with robots that come to rest, when the planning program is gone
-_HELD: Final = (TaskState.ATTACHING, TaskState.READY, TaskState.ACTIVE, TaskState.RELEASING)
-_LOOK_S: Final = 0.005
 _SHAPES: Final = {  # of each order: numbers and functions
     "set_functions": (1, 3),
     "set_clock": (3, 0),
@@ -131,12 +127,7 @@ class HostedProgram:
 
     def farewell(self) -> None:
         """Bring all robots to a controlled stop, and end."""
-        deadline = time.monotonic() + FAREWELL_S
-        with suppress(QRobotError):
-            self._thread.order("release", sum(self._tds), False)
-        while any(td.state in _HELD for td in self._tds.values()) and time.monotonic() < deadline:
-            self.look_after()
-            time.sleep(_LOOK_S)
+        self._thread.farewell(self._tds.values())
 
 
 def _report(td: TaskDescriptor) -> TaskReport:
