@@ -24,6 +24,16 @@ def checked_rate(rate_hz: int) -> int:
     return rate_hz
 
 
+def newest_tick(since_ns: int, rate_hz: int) -> int:
+    """The newest tick of a clock that began `since_ns` ago; seconds by themselves, or 64 bits end after 106 days."""
+    return since_ns // NS_PER_S * rate_hz + since_ns % NS_PER_S * rate_hz // NS_PER_S
+
+
+def start_of_tick(tick: int, rate_hz: int) -> int:
+    """First nanosecond of a tick, since the clock began."""
+    return tick // rate_hz * NS_PER_S - (-(tick % rate_hz * NS_PER_S) // rate_hz)
+
+
 @dataclass
 class CommonClock:
     """Ticks since `epoch_ns` of a clock that `now_ns` reads, real or virtual."""
@@ -39,11 +49,11 @@ class CommonClock:
 
     def tick_at(self, now_ns: int) -> int:
         """The newest tick at an instant."""
-        return (now_ns - self.epoch_ns) * self.rate_hz // NS_PER_S
+        return newest_tick(now_ns - self.epoch_ns, self.rate_hz)
 
     def time_of(self, tick: int) -> int:
         """The instant of a tick, to the next whole nanosecond."""
-        return self.epoch_ns - (-tick * NS_PER_S // self.rate_hz)
+        return self.epoch_ns + start_of_tick(tick, self.rate_hz)
 
     def whole_us(self, ticks: int) -> int:
         """The length of so many ticks, us. Raises ConfigError when it is no whole number of them."""

@@ -12,16 +12,18 @@ from numba import types
 
 from qrobot.arrays import Floats, Words
 from qrobot.errors import ConfigError
+from qrobot.rci.common_clock import newest_tick, start_of_tick
 from qrobot.rci.descriptor import TaskDescriptor, TaskWord
 from qrobot.realtime.atomics import load_acquire, store_release
 from qrobot.realtime.clock import monotonic_ns, sleep_until_ns
 from qrobot.realtime.jit import jit_disabled, lean_kernel
 from qrobot.realtime.pointer import COMPILE_ERRORS, KernelPointer, raising_function_at
-from qrobot.units import NS_PER_S
 
 SIGNATURE: Final = types.void(types.int64, types.float64[::1])
 LOOK_NS: Final = 20_000_000  # [A] a loop that sleeps looks up so often, to see that it is to end
 
+tick_at_time = lean_kernel(newest_tick)
+time_of_tick = lean_kernel(start_of_tick)
 _call_at = raising_function_at(SIGNATURE)
 _WOKEN: Final = int(TaskWord.WOKEN)
 _SERVED: Final = int(TaskWord.SERVED)
@@ -34,18 +36,6 @@ _LONGEST_NS: Final = int(TaskWord.LONGEST_NS)
 @lean_kernel
 def no_function(tick: int, memory: Floats) -> None:
     """A second control function that has nothing to do."""
-
-
-@lean_kernel
-def tick_at_time(since_ns: int, rate_hz: int) -> int:
-    """The newest tick of a clock that began `since_ns` ago; seconds by themselves, or 64 bits end after 106 days."""
-    return since_ns // NS_PER_S * rate_hz + since_ns % NS_PER_S * rate_hz // NS_PER_S
-
-
-@lean_kernel
-def time_of_tick(tick: int, rate_hz: int) -> int:
-    """First nanosecond of a tick, since the clock began."""
-    return tick // rate_hz * NS_PER_S - (-(tick % rate_hz * NS_PER_S) // rate_hz)
 
 
 @lean_kernel
