@@ -10,7 +10,6 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Final
 
 from qrobot.arrays import Words
-from qrobot.errors import ConfigError
 from qrobot.rci.common_clock import CommonClock
 from qrobot.rci.compiled_thread import CompiledThread
 from qrobot.rci.descriptor import HOST
@@ -20,7 +19,7 @@ from qrobot.rci.mapped_area import MappedArea
 from qrobot.rci.process_processor import ProcessProcessor
 from qrobot.rci.processor_image import AreaRecord, KnownArea, KnownTask, ProcessorImage, TaskNumbers, TaskRecord
 from qrobot.rci.processor_names import is_compiled, is_remote
-from qrobot.rci.task_runner import current_task
+from qrobot.rci.task_runner import check_may_wait
 from qrobot.rci.task_table import Bytes
 
 if TYPE_CHECKING:
@@ -119,8 +118,7 @@ class RealTimeProcessors:
 
     def wait(self, predicate: Callable[[], object], look: Callable[[], object]) -> None:
         """Return when `predicate` is true, calling `look` as time passes. Raises what they raise."""
-        if current_task() is not None:
-            raise ConfigError("a control function must not wait: let it signal the program, or come again")
+        check_may_wait()
         while not predicate():
             self._happened.wait(_LOOK_S)
             self._happened.clear()

@@ -38,6 +38,12 @@ def current_task() -> TaskDescriptor | None:
     return _current.get()
 
 
+def check_may_wait() -> None:
+    """Raise ConfigError in a control function, which runs to its end."""
+    if current_task() is not None:
+        raise ConfigError("a control function must not wait: let it signal the program, or come again")
+
+
 def nothing(_td: TaskDescriptor) -> None:
     """A control function that has nothing to do."""
 

@@ -12,7 +12,6 @@ from itertools import count
 import numpy as np
 
 from qrobot.arrays import Words
-from qrobot.errors import ConfigError
 from qrobot.rci.common_clock import CommonClock
 from qrobot.rci.compiled_monitor import CompiledMonitor
 from qrobot.rci.descriptor import HOST
@@ -20,7 +19,7 @@ from qrobot.rci.monitor import Monitor
 from qrobot.rci.processor_image import KnownArea, TaskNumbers
 from qrobot.rci.processor_names import check_processor_name, is_compiled
 from qrobot.rci.program_time import Rank, Turn, program_time
-from qrobot.rci.task_runner import current_task
+from qrobot.rci.task_runner import check_may_wait
 
 
 class VirtualProcessors:
@@ -81,8 +80,7 @@ class VirtualProcessors:
 
     def wait(self, predicate: Callable[[], object], look: Callable[[], object]) -> None:
         """Let time pass until `predicate` is true, calling `look` at each event. Raises what they raise."""
-        if current_task() is not None:
-            raise ConfigError("a control function must not wait: let it signal the program, or come again")
+        check_may_wait()
         self._begin()
         with self._time.waiting():
             while not predicate():
