@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from enum import IntEnum
+from typing import Any
 
 
 class Mode(IntEnum):
@@ -16,3 +17,11 @@ class Mode(IntEnum):
     TRACKING = 5
     STOPPING = 6
     FAULT = 7
+
+
+def mode_name(mode: Any) -> str:
+    """Name of a mode number, also of one this version does not know."""
+    try:
+        return Mode(int(mode)).name
+    except ValueError:
+        return f"MODE_{int(mode)}"

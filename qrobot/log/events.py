@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from qrobot.arrays import Floats
 from qrobot.faultcodes import FaultCode, explain
 from qrobot.log.read import Log
+from qrobot.modecodes import mode_name
 from qrobot.servo.memory.law_history import LawInForce
 from qrobot.servo.memory.telemetry import Rows
-from qrobot.servo.modes import mode_name
 
 LogEventKind = Literal["law", "gains", "fault", "mode"]
 GAINS: Final = (("Kp", "kp"), ("Kv", "kv"), ("inertia", "inertia"))  # for people, in `LawInForce`

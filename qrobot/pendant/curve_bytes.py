@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from qrobot.arrays import Floats
 from qrobot.log.windows import Curves
+from qrobot.modecodes import mode_name
 from qrobot.printable import csv_line
-from qrobot.servo.modes import mode_name
 
 CSV_NAMES: Final = ("q_ref", "q", "v", "tau")  # of every joint
 

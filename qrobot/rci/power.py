@@ -9,6 +9,7 @@ import numpy as np
 
 from qrobot.errors import MotionError, ServoFault
 from qrobot.faultcodes import NO_JOINT, FaultCode, explain
+from qrobot.modecodes import mode_name
 from qrobot.rci.blackboard import Chg
 from qrobot.wire import Mode, RobotState
 
@@ -30,14 +31,6 @@ def servo_fault(robot: RobotState, what: str, trace: Sequence[RobotState] = (), 
     joint = robot.event_joint if code == robot.event else NO_JOINT
     reason = explain(code, joint) if code else without_fault or f"the servo is in mode {mode_name(robot.mode)}"
     return ServoFault(code, f"{what}: {reason}", tuple(trace))
-
-
-def mode_name(mode: int) -> str:
-    """Name of a mode, also of one this version does not know."""
-    try:
-        return Mode(mode).name
-    except ValueError:
-        return f"number {mode}"
 
 
 class PowerUp:

@@ -126,14 +126,6 @@ def mermaid() -> str:
     return "\n".join(lines) + "\n"
 
 
-def mode_name(mode: Any) -> str:
-    """Name of a mode number, also of one this version does not know."""
-    try:
-        return Mode(int(mode)).name
-    except ValueError:
-        return f"MODE_{int(mode)}"
-
-
 @lean_kernel
 def gives_way(state: Any) -> bool:
     """The arm may be pushed from its setpoint: it is led, it complies with what it has met, or its law is soft."""

@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from qrobot.faultcodes import FaultCode, Quantity, explain, of_joint, quantity_of
+from qrobot.modecodes import mode_name
 from qrobot.realtime.flat_record import float_bits
 from qrobot.realtime.jit import lean_kernel
-from qrobot.servo.modes import mode_name
 
 (NUMBER, T_NS, TICK, CODE, JOINT, VALUE, LIMIT, MODE_FROM, MODE_TO, FRAME_SEQ, INCIDENT_WORDS) = range(11)
 

@@ -8,11 +8,10 @@ from typing import Any, Final
 
 from qrobot.errors import ConfigError, LinkTimeout, ServoFault
 from qrobot.faultcodes import FaultCode, explain
-from qrobot.modecodes import Mode
+from qrobot.modecodes import Mode, mode_name
 from qrobot.servo.calibration.state import FEWEST_INDEXES, IMPLAUSIBLE, MOST_INDEXES, PLAUSIBLE, UNJUDGED
 from qrobot.servo.memory.mailbox import CalibrationProgress, ServoMailbox
 from qrobot.servo.memory.published_state import FLAG_CALIBRATED, ServoSnapshot
-from qrobot.servo.modes import mode_name
 
 POLL_S: Final = 0.05
 POWER_PATIENCE_S: Final = 6.0  # the servo's own is 3 s

@@ -13,9 +13,8 @@ import numpy as np
 
 from qrobot.arrays import Floats
 from qrobot.errors import QRobotError
-from qrobot.modecodes import Mode
+from qrobot.modecodes import Mode, mode_name
 from qrobot.servo.memory.mailbox import ServoMailbox
-from qrobot.servo.modes import mode_name
 from qrobot.servo.parameters import STANDSTILL_RAD_S
 from qrobot.servo.settings import ServoSettings
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from qrobot.errors import LinkError, LinkLost, QRobotError
-from qrobot.modecodes import Mode
+from qrobot.modecodes import Mode, mode_name
 from qrobot.servo.laws.law import KP, KV, M0, Law
 from qrobot.servo.laws.law_swap import (
     NO_TORQUE,
@@ -28,7 +28,6 @@ from qrobot.servo.memory.law_history import LawInForce, write_entry
 from qrobot.servo.memory.published_state import ServoSnapshot
 from qrobot.servo.memory.servo_memory import describe_law, journal_base
 from qrobot.servo.memory.settings_text import settings_text
-from qrobot.servo.modes import mode_name
 from qrobot.servo.operator.controlled import Controlled
 from qrobot.servo.operator.gain_rows import Matrix, changed_gains
 from qrobot.servo.operator.loop_wait import await_loop

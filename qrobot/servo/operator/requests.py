@@ -16,12 +16,11 @@ from typing import Final, TypeVar
 
 from qrobot.errors import LinkBusy, LinkError, LinkTimeout, QRobotError
 from qrobot.faultcodes import explain
-from qrobot.modecodes import Mode
+from qrobot.modecodes import Mode, mode_name
 from qrobot.model.payload_judge import PayloadJudge
 from qrobot.realtime.deadline import sleep_between_looks
 from qrobot.servo.calibration.state import IMPLAUSIBLE
 from qrobot.servo.memory.commander_lock import Authority
-from qrobot.servo.modes import mode_name
 from qrobot.servo.operator.controlled import Controlled
 from qrobot.servo.operator.fence_status import fence_status
 from qrobot.servo.operator.force_zero import zero_force

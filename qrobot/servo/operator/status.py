@@ -10,12 +10,11 @@ import numpy as np
 from qrobot.arrays import Floats
 from qrobot.faultcodes import NO_JOINT, FaultCode, explain
 from qrobot.hwif.arm_clock import arm_time_ns
-from qrobot.modecodes import Mode
+from qrobot.modecodes import Mode, mode_name
 from qrobot.servo.laws.law import KP, KV, M0
 from qrobot.servo.memory.mailbox import ServoMailbox
 from qrobot.servo.memory.published_state import FLAG_CALIBRATED, FLAG_ESTOP_OK, FLAG_GUARDED, FLAG_POWERED
 from qrobot.servo.memory.servo_memory import TAKEN
-from qrobot.servo.modes import mode_name
 from qrobot.servo.operator.board_status import board_status
 from qrobot.servo.operator.controlled import Controlled
 from qrobot.servo.operator.messages import ServoStatus

@@ -31,7 +31,7 @@ from qrobot.hwif.isa.card import CARD_BASE, CARD_KIND, CARD_READ_ONLY, CARD_WITH
 from qrobot.hwif.isa.owner import own_board_memory
 from qrobot.hwif.isa.permission import require_ports
 from qrobot.hwif.lanes import discard_operations
-from qrobot.modecodes import Mode
+from qrobot.modecodes import Mode, mode_name
 from qrobot.realtime.deadline import Deadline
 from qrobot.realtime.machine import throttled_to
 from qrobot.realtime.page_faults import FaultWatch
@@ -58,7 +58,6 @@ from qrobot.servo.memory.servo_memory import (
 )
 from qrobot.servo.memory.stop_record import Incident, read_incident
 from qrobot.servo.memory.telemetry import SMALLEST_RING, Rows, TelemetryLayout, fitting_capacity
-from qrobot.servo.modes import mode_name
 from qrobot.servo.operator.requests import Controls
 from qrobot.servo.operator.sockets import ControlSocket
 from qrobot.servo.parameters import ServoParameters, servo_parameters

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from itertools import product
 
+from qrobot.modecodes import mode_name
 from qrobot.servo.modes import (
     POWER_ON,
     TORQUE_ON,
@@ -12,7 +13,6 @@ from qrobot.servo.modes import (
     gives_torque,
     may_follow,
     mermaid,
-    mode_name,
     wants_power,
 )
 
