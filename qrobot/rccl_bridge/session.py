@@ -198,20 +198,22 @@ class Session:
         return [*self._give_up_command(text), complaint, Close(text)]
 
     def _take(self, event: WireEvent, now_ns: int) -> list[Action]:
+        actions: list[Action] = []
         match event:
             case Command():
-                return self._take_command(event, now_ns)
+                actions = self._take_command(event, now_ns)
             case InvalidSetpoint():
-                return self._take_invalid(event, now_ns)
-            case Stop() | Signals() | Payload() | Collision() | AnalogOutputs():
-                return self._take_beside(event, now_ns)
+                actions = self._take_invalid(event, now_ns)
+            case Stop():
+                actions = self._take_stop(event, now_ns)
+            case Signals() | Payload() | Collision() | AnalogOutputs():
+                actions = self._take_change(event, now_ns)
             case Hello():
-                return self._greet(event, now_ns)
+                actions = self._greet(event, now_ns)
             case Bye():
                 reason = event.text or "the client said BYE"
-                return [*self._give_up_command(reason), Close(reason)]
-            case _:
-                return []
+                actions = [*self._give_up_command(reason), Close(reason)]
+        return actions
 
     def _greet(self, hello: Hello, now_ns: int) -> list[Action]:
         link = self._settings.link if self._peer.by_link else None
@@ -261,10 +263,6 @@ class Session:
             actions.append(SendBytes(self._connection.send(warning)))
         return actions
 
-    def _take_beside(self, packet: Stop | Signals | Payload | Collision | AnalogOutputs, now_ns: int) -> list[Action]:
-        """Take something a client says beside the sample periods."""
-        return self._take_stop(packet, now_ns) if isinstance(packet, Stop) else self._take_change(packet, now_ns)
-
     def _take_stop(self, stop: Stop, now_ns: int) -> list[Action]:
         """Hand over a stop, each of them; of a flood the log has the first ten of a second."""
         done = "took arm power away" if stop.power_off else "asked for a stop"
@@ -274,12 +272,17 @@ class Session:
     def _take_change(self, change: Signals | Payload | Collision | AnalogOutputs, now_ns: int) -> list[Action]:
         """Take a change the commander makes now and then: of names, of the payload, of collisions, of outputs."""
         self._heard_ns = now_ns
-        if isinstance(change, Signals):
-            return [NameSignals(change.names)]
-        if isinstance(change, Collision):
-            return self._take_collision(change, now_ns)
-        if isinstance(change, AnalogOutputs):
-            return self._take_analog(change, now_ns)
+        match change:
+            case Signals():
+                return [NameSignals(change.names)]
+            case Payload():
+                return self._take_payload(change, now_ns)
+            case Collision():
+                return self._take_collision(change, now_ns)
+            case AnalogOutputs():
+                return self._take_analog(change, now_ns)
+
+    def _take_payload(self, change: Payload, now_ns: int) -> list[Action]:
         refusal = self._judge_payload(change)
         if refusal or self._servo_gone:
             return self._object(ErrorCode.PAYLOAD_REFUSED, refusal, now_ns)
