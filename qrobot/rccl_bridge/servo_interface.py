@@ -18,7 +18,7 @@ class SetpointFrame:
     Attributes:
         stream: names one run of setpoints; grows with every new one, also across sessions and restarts of the bridge.
         seq: counts sample periods; a gap within a stream means missing frames. Never repeats, never wraps.
-        t_ns: time of arrival, CLOCK_MONOTONIC.
+        t_ns: time of arrival, on the arm's clock: CLOCK_MONOTONIC less what slipped.
         period_ns: sample period of the stream.
         modes: values of `qrobot.wire.JointMode`. Shape (n,).
         setpoints: rad or m in position mode, N m or N in torque mode; finite. Shape (n,).

@@ -1,6 +1,6 @@
 """The arm as a rigid-body plant in MuJoCo, stepped from compiled code.
 
-With `mujoco_scene` the only importer of `mujoco`, lazily.
+It, `mujoco_scene` and `held_body` alone import `mujoco`, lazily.
 
 The model is built from the robot file for any serial arm in modified DH: body i sits at
 (a, -sin(alpha) d, cos(alpha) d), turned by alpha about x and theta about z, and its joint is the z axis; the joint
