@@ -14,12 +14,11 @@ from qrobot.ident.plan import READY, TRAVEL_SPEED, ExcitationPlan, Swing
 from qrobot.rccl.channel import Channel
 from qrobot.rccl.position import Position
 from qrobot.rccl.setpoints import Setpoints
-from qrobot.units import M_PER_MM, RAD_PER_DEG
+from qrobot.units import M_PER_MM, MS_PER_S, RAD_PER_DEG
 from qrobot.wire.vocabulary import DEFAULT_PERIOD_US
 
 MoveProgress = Callable[[int, Swing | FourierRun], None]
 
-MS_PER_S: Final = 1000.0
 US_PER_S: Final = 1e6
 
 

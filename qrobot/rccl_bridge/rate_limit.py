@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-_SECOND_NS = 1_000_000_000
+from qrobot.units import NS_PER_S
 
 
 class RateLimit:
@@ -15,7 +15,7 @@ class RateLimit:
 
     def allows(self, now_ns: int) -> bool:
         """True when one more event may pass."""
-        second = now_ns // _SECOND_NS
+        second = now_ns // NS_PER_S
         if second != self._second:
             self._second, self._used = second, 0
         self._used += 1

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final
 
 from qrobot.errors import ConfigError
 from qrobot.rccl_bridge.isolated_link import IsolatedLink
+from qrobot.units import NS_PER_S
 from qrobot.wire import DEFAULT_PORT, LONGEST_PERIOD_US, SHORTEST_PERIOD_US
 from qrobot.wire.vocabulary import DEFAULT_PERIOD_US
-
-SECOND_NS: Final = 1_000_000_000
 
 
 @dataclass(frozen=True)
@@ -33,9 +31,9 @@ class BridgeSettings:
     period_us: int = DEFAULT_PERIOD_US
     max_clients: int = 8
     max_greeting: int = 16
-    handshake_ns: int = 2 * SECOND_NS
-    silence_ns: int = SECOND_NS
-    blocked_ns: int = 10 * SECOND_NS
+    handshake_ns: int = 2 * NS_PER_S
+    silence_ns: int = NS_PER_S
+    blocked_ns: int = 10 * NS_PER_S
     link: IsolatedLink | None = None
 
     def __post_init__(self) -> None:

@@ -28,8 +28,8 @@ from qrobot.errors import ConfigError, LinkBusy, LinkError
 from qrobot.rccl_bridge import BridgeServer, BridgeSettings
 from qrobot.rccl_bridge.listener import PreciseSelector
 from qrobot.rccl_bridge.server import MAX_LINGERING, WRITE_BUFFER_BYTES, run_bridge
-from qrobot.rccl_bridge.settings import SECOND_NS
 from qrobot.realtime.bridge_token import token_for
+from qrobot.units import NS_PER_S
 from qrobot.wire import Bye, ClientRole, Command, ErrorCode, Hello, JointMode, State, WireError
 from tests.support.bridge import COMMANDER, OBSERVER, Bridge, Client
 from tests.support.fake_port import FakePort
@@ -114,14 +114,14 @@ def test_a_socket_that_breaks_leaves_a_stop_and_a_free_lease() -> None:
 
 @pytest.mark.realtime
 def test_a_half_open_commander_is_closed_after_a_second_of_silence() -> None:
-    with Bridge(silence_ns=SECOND_NS) as bridge, bridge.connect() as client:
+    with Bridge(silence_ns=NS_PER_S) as bridge, bridge.connect() as client:
         start_ns = time.monotonic_ns()
         client.join().say(move_to(0.1, 1))
         while isinstance(event := client.hear(), State):
             pass
         assert isinstance(event, WireError)
         assert event.code == ErrorCode.TIMEOUT
-        assert SECOND_NS < time.monotonic_ns() - start_ns < PATIENCE_S * 1e9
+        assert NS_PER_S < time.monotonic_ns() - start_ns < PATIENCE_S * 1e9
         assert client.hear() is None
         assert bridge.port.stops == 1
 

@@ -17,8 +17,8 @@ import pytest
 
 from qrobot.errors import ConfigError, LinkError
 from qrobot.rccl_bridge.isolated_link import IsolatedLink, read_link_token
-from qrobot.rccl_bridge.settings import SECOND_NS
 from qrobot.rci import TcpLink, hello_for, tcp
+from qrobot.units import NS_PER_S
 from qrobot.wire import Command, JointMode
 from tests.support.bridge import Bridge
 from tests.support.cable import HERE, INTERFACE, STRANGER, THERE, leave_the_network, plug
@@ -75,7 +75,7 @@ def who_may_come() -> dict[str, Any]:
         program.exchange(Command(state.seq, (JointMode.POSITION,) * 6, (0.2,) * 6, power=True))
         before = bridge.port.stops
         for client in list(bridge.server.clients):
-            client.session._settings = replace(client.session._settings, silence_ns=SECOND_NS)
+            client.session._settings = replace(client.session._settings, silence_ns=NS_PER_S)
         plug(connected=False)
         wait_until(lambda: bridge.port.stops > before, "the arm is stopped")
         plug(connected=True)

@@ -7,13 +7,12 @@ from typing import Final
 import numpy as np
 
 from qrobot.arcl.machine.arm_owner import owner_of
-from qrobot.arcl.machine.emulated import EmulatedMachine, start_of
+from qrobot.arcl.machine.emulated import SAMPLE_MS, EmulatedMachine, start_of
 from qrobot.arcl.machine.interface import MachineSettings
 from qrobot.arrays import Floats
 from qrobot.errors import MotionError
 from qrobot.motion import MotionLimits
 
-SAMPLE_MS: Final = 28.0  # VAL's, of which Figure 5 takes every second
 _THERE: Final = 1e-6  # rad or m
 
 

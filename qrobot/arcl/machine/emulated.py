@@ -30,6 +30,7 @@ from qrobot.units import MM_PER_M
 from qrobot.wire import Collision, Payload
 
 START_POSE: Final = "park"
+SAMPLE_MS: Final = 28.0  # VAL's, of which Figure 5 takes every second
 _LONGEST_MS: Final = 100.0
 
 

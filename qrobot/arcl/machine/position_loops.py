@@ -11,7 +11,7 @@ from typing import Final
 
 import numpy as np
 
-from qrobot.arcl.machine.emulated import EmulatedMachine, start_of
+from qrobot.arcl.machine.emulated import SAMPLE_MS, EmulatedMachine, start_of
 from qrobot.arcl.machine.interface import MachineSettings
 from qrobot.arcl.machine.velocity_axes import FULL_WORD, VelocityAxes
 from qrobot.arrays import Floats, Ints
@@ -20,7 +20,6 @@ from qrobot.faultcodes import FaultCode
 from qrobot.motion import MotionLimits
 from qrobot.units import DEG_PER_RAD
 
-SAMPLE_MS: Final = 28.0  # VAL's, of which Figure 5 takes every second
 LOOP_S: Final = 1e-3  # [A]
 KP: Final = 40.0  # [A] 1/s; a fifth of what the amplifier's lag allows
 KI: Final = 200.0  # [A] 1/s2; takes the amplifiers' offsets out within half a second

@@ -12,7 +12,7 @@ from typing import Final
 
 import numpy as np
 
-from qrobot.arcl.machine.emulated import EmulatedMachine, start_of
+from qrobot.arcl.machine.emulated import SAMPLE_MS, EmulatedMachine, start_of
 from qrobot.arcl.machine.interface import MachineSettings
 from qrobot.arcl.machine.step_motors import StepMotors
 from qrobot.arrays import Floats
@@ -20,7 +20,6 @@ from qrobot.errors import ServoFault
 from qrobot.faultcodes import FaultCode
 from qrobot.motion import MotionLimits
 
-SAMPLE_MS: Final = 28.0  # VAL's, of which Figure 5 takes every second
 STEPS_PER_TURN: Final = 200  # of the usual motor of 1.8 degrees a step
 TICK_S: Final = 25e-6  # [A] of the timer that makes the pulses
 MOST_PER_S: Final = 4000.0  # [A] steps a second: a pulse has room for a tick more or less (see `SHORTEST_S`)

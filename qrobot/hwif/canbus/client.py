@@ -27,9 +27,9 @@ from qrobot.hwif.canbus.objects import (
 )
 from qrobot.hwif.image import IMAGE_COUNT as COUNT_WORD
 from qrobot.realtime.deadline import Deadline
+from qrobot.units import MS_PER_S
 
 TIMEOUT_S: Final = 0.05
-MS_PER_S: Final = 1000
 
 
 class CanBus:

@@ -65,9 +65,9 @@ from qrobot.hwif.registers import (
 )
 from qrobot.realtime.deadline import Deadline
 from qrobot.report import Report
+from qrobot.units import MS_PER_S
 
 FROM_DRIVE: Final = struct.Struct("<Hi")  # status word, actual position
-MS_PER_S: Final = 1000
 
 
 class DrivesBus:

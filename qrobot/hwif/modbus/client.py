@@ -31,11 +31,11 @@ from qrobot.hwif.modbus.map import (
     encode_operations,
 )
 from qrobot.realtime.deadline import Deadline, sleep_between_looks
+from qrobot.units import MS_PER_S
 
 DEFAULT_PORT: Final = 502
 TIMEOUT_S: Final = 0.1
 POLL_S: Final = 0.01
-MS_PER_S: Final = 1000.0
 RequestPdu = Callable[..., ModbusPDU]
 
 

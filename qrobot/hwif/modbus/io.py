@@ -20,11 +20,11 @@ from qrobot.errors import LinkError, ProtocolError
 from qrobot.hwif.bus import BoardFacts, Bus, Operations, for_the_transport
 from qrobot.hwif.converter import RemoteChannels, adc_word, require_signed_converter
 from qrobot.hwif.image import IMAGE_STATUS
-from qrobot.hwif.modbus.client import MS_PER_S, ModbusLine
+from qrobot.hwif.modbus.client import ModbusLine
 from qrobot.hwif.operations import ALL_ANALOG, OP_ANALOG, OP_OUTPUTS, OP_WRITE, signed_microvolts
 from qrobot.hwif.registers import DISCRETE, DISCRETE_HAND_CLOSE, DISCRETE_HAND_OPEN
 from qrobot.report import Report
-from qrobot.units import NS_PER_MS, NS_PER_S
+from qrobot.units import MS_PER_S, NS_PER_MS, NS_PER_S
 
 SIGN: Final = 0x8000  # of a register
 REGISTER: Final = 0xFFFF

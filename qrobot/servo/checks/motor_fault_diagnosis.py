@@ -59,7 +59,7 @@ SIGN_MOST: Final = 2.5
 SIGN_S: Final = 0.0045
 TURNED_S: Final = 0.008  # after a push beyond all torque: by then the velocity shows whether the counts run backwards
 SIGN_DRIVE: Final = 0.3  # of the threshold: with less torque there is no telling
-FELT_SHARE: Final = 0.5  # of the threshold: smaller pushes may be the model's, and do not count as work [A]
+FELT_SHARE: Final = 0.5  # of the threshold: smaller pushes may be the model's: no work, nothing in the way [A]
 BRAKED_SHARE: Final = 0.875  # of its estimated velocity: a joint that has counted less, by more than one, brakes [A]
 WORK_S: Final = 0.025  # in which work is forgotten: longer than a blow [A]
 

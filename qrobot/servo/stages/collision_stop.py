@@ -18,6 +18,7 @@ from typing import Any, Final
 from qrobot.faultcodes import FaultCode
 from qrobot.modecodes import Mode
 from qrobot.realtime.jit import lean_kernel
+from qrobot.servo.checks.motor_fault_diagnosis import FELT_SHARE
 from qrobot.servo.kernels.interpolator import line_through
 from qrobot.servo.parameters import ServoParameters
 from qrobot.servo.state import ServoState
@@ -27,7 +28,6 @@ SATURATED: Final = int(FaultCode.SATURATED)
 STOP, COMPLY = range(2)
 COMPLY_NS: Final = 2_000_000_000  # [A] long enough to pull a hand out
 SOFT: Final = 0.1  # of the law's stiffness [A]
-FELT_SHARE: Final = 0.5  # of the unexplained torque: smaller pushes may be the model's [A]
 
 
 @lean_kernel
