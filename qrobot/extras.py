@@ -15,6 +15,11 @@ class Extra(NamedTuple):
     purpose: str
     distribution: str = ""
 
+    @property
+    def command(self) -> str:
+        """The command that installs it."""
+        return f"pip install 'qrobot[{self.name}]'"
+
 
 # By the name of the module that is imported.
 EXTRAS: Final = {
@@ -36,9 +41,13 @@ EXTRAS: Final = {
 }
 
 
+def missing_library(module: str) -> str:
+    """The sentence for a module of the table that is not installed: what it is for, and what installs it."""
+    extra = EXTRAS[module]
+    return f"{extra.distribution or module} is not installed, for {extra.purpose}: {extra.command}"
+
+
 def missing_extra(error: ModuleNotFoundError) -> str | None:
-    """The extra to install for a module that was not found; None for a module that no extra brings."""
-    library = (error.name or "").partition(".")[0]
-    if (extra := EXTRAS.get(library)) is None:
-        return None
-    return f"{library} is not installed, for {extra.purpose}: pip install 'qrobot[{extra.name}]'"
+    """The same sentence for a module that was not found; None for a module that no extra brings."""
+    module = (error.name or "").partition(".")[0]
+    return missing_library(module) if module in EXTRAS else None

@@ -68,7 +68,7 @@ def software() -> Iterator[Finding]:
     for name in LIBRARIES:
         yield Finding("software", look_at_library(name, "pip install qrobot"), Weight.NEEDED)
     for module, extra in EXTRAS.items():
-        remedy = f"pip install 'qrobot[{extra.name}]' for {extra.purpose}"
+        remedy = f"{extra.command} for {extra.purpose}"
         yield Finding("software", look_at_extra(module, extra.distribution or module, remedy), Weight.OPTIONAL)
     yield Finding("software", look_at_compile_cache(), Weight.OPTIONAL)
 

@@ -19,7 +19,7 @@ from cyclopts import Parameter
 
 from qrobot.config.deployment import LEAST_GB, MOST_GB
 from qrobot.errors import ConfigError, LogError, error_text
-from qrobot.extras import missing_extra
+from qrobot.extras import missing_library
 from qrobot.log.topics import part_path
 from qrobot.servo.calibration.state import FEWEST_INDEXES, MOST_INDEXES
 from qrobot.servo.rates import HIGHEST_RATE_HZ, LOWEST_RATE_HZ
@@ -114,7 +114,7 @@ class FileOfKind:
         if (suffix := path.suffix.lower()) not in self.suffixes:
             raise ValueError(f"cannot write {path}: {self.what} ends in {' or '.join(self.suffixes)}")
         if suffix == PARQUET and find_spec("pyarrow") is None:
-            raise ValueError(missing_extra(ModuleNotFoundError(name="pyarrow")))
+            raise ValueError(missing_library("pyarrow"))
         self.require(path)
 
 

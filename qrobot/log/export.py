@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from qrobot.config.scene import FORCE_AXES
 from qrobot.errors import LogError, error_text
+from qrobot.extras import missing_library
 from qrobot.log.read import Log
 from qrobot.printable import csv_line
 from qrobot.servo.memory.telemetry import ADDED, ARRAYS, COUNTERS, FACTORS, LINES, SCALARS, TERMS, VECTORS
@@ -80,7 +81,7 @@ def export_parquet(log: Log, path: Path) -> None:
         import pyarrow as pa
         import pyarrow.parquet as pq
     except ImportError:
-        raise LogError("Parquet needs pyarrow: pip install 'qrobot[logs]', or export to CSV") from None
+        raise LogError(f"{missing_library('pyarrow')}, or export to CSV") from None
     columns = {name: np.ascontiguousarray(column) for name, column in table_columns(log).items()}
     floats = [name for name, column in columns.items() if column.dtype.kind == "f"]
     try:

@@ -15,6 +15,7 @@ import llvmlite.binding
 from numba import types
 
 from qrobot.errors import ConfigError
+from qrobot.extras import missing_library
 from qrobot.realtime.jit import jit_disabled
 
 _ADDRESS: Final = types.intp
@@ -26,7 +27,7 @@ def library_path() -> Path:
     """MuJoCo's shared library beside its Python package. Raises ConfigError when it is not installed."""
     found = importlib.util.find_spec("mujoco")
     if found is None or found.origin is None:
-        raise ConfigError("the emulator's plant needs the package mujoco-core")
+        raise ConfigError(missing_library("mujoco"))
     libraries = sorted(Path(found.origin).parent.glob("libmujoco.*"))
     if not libraries:
         raise ConfigError(f"no MuJoCo library beside {Path(found.origin).name}: reinstall mujoco-core")

@@ -17,6 +17,7 @@ from multiprocessing import active_children, get_context, parent_process
 from typing import TYPE_CHECKING, Final, ParamSpec, TypeVar
 
 from qrobot.errors import ConfigError, LinkError
+from qrobot.extras import missing_library
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -104,7 +105,7 @@ def _cluster(scheduler: str) -> Iterator[Engine]:
     try:
         import distributed
     except ImportError as error:
-        raise ConfigError("a scheduler needs Dask: pip install 'qrobot[study]', or leave --scheduler out") from error
+        raise ConfigError(f"{missing_library('distributed')}, or leave --scheduler out") from error
     with _remote(distributed.Client, scheduler) as client:
         executor = client.get_executor(pure=False)
         try:

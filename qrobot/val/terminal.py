@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator
 from contextlib import suppress
 
 from qrobot.errors import ConfigError
+from qrobot.extras import missing_library
 from qrobot.val.monitor import ValMonitor
 
 PROMPT = "."  # VAL's own
@@ -40,7 +41,7 @@ def _typed(monitor: ValMonitor, ended: Callable[[], bool]) -> Iterator[str]:
         from prompt_toolkit.completion import WordCompleter
         from prompt_toolkit.input.typeahead import clear_typeahead
     except ModuleNotFoundError as error:
-        raise ConfigError("the monitor needs prompt_toolkit: pip install 'qrobot[val]'") from error
+        raise ConfigError(missing_library("prompt_toolkit")) from error
     session: PromptSession[str] = PromptSession()
 
     def sure(question: str) -> bool:

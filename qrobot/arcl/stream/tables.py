@@ -21,6 +21,7 @@ from qrobot.arcl.stream.layout import RecordKind
 from qrobot.arcl.stream.reader import Stream
 from qrobot.arrays import Floats
 from qrobot.errors import ConfigError
+from qrobot.extras import missing_library
 from qrobot.model.orientation import euler_angles, oat_angles, rpy_angles
 from qrobot.model.transform import quaternion, so3_log
 from qrobot.units import DEG_PER_RAD, MM_PER_M
@@ -108,7 +109,7 @@ def _pyarrow() -> Any:
         import pyarrow as pa
         import pyarrow.parquet as pq
     except ImportError:
-        raise ConfigError("Parquet needs pyarrow: pip install 'qrobot[logs]', or write CSV") from None
+        raise ConfigError(f"{missing_library('pyarrow')}, or write CSV") from None
     return pa, pq
 
 

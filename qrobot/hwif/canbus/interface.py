@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from qrobot.config.can import MULTICAST
 from qrobot.errors import ConfigError, LinkError
+from qrobot.extras import missing_library
 
 if TYPE_CHECKING:
     import can
@@ -17,7 +18,7 @@ def load_can() -> ModuleType:
     try:
         import can
     except ImportError:
-        raise ConfigError("CAN needs python-can and canopen: pip install 'qrobot[can]'") from None
+        raise ConfigError(missing_library("can")) from None
     return can
 
 

@@ -1,13 +1,14 @@
-"""The one place that says what to do when pymodbus is missing."""
+"""A check that pymodbus is installed, before anything that imports it."""
 
 from __future__ import annotations
 
 from importlib.util import find_spec
 
 from qrobot.errors import ConfigError
+from qrobot.extras import missing_library
 
 
 def require_pymodbus() -> None:
     """Raises ConfigError when pymodbus is not installed."""
     if find_spec("pymodbus") is None:
-        raise ConfigError("Modbus needs pymodbus: pip install 'qrobot[modbus]'")
+        raise ConfigError(missing_library("pymodbus"))
