@@ -38,7 +38,7 @@ def pressing_run() -> np.ndarray[Any, Any]:
     start = arm.nearest(above, robot.poses["park"])
     emulator = Emulator(robot, scene=board.scene, force_sensor=board.force_sensor, start=start)
     rig = LockstepRig(robot, ServoSettings(law="force", sensor_channels=(6,)), emulator, keep_telemetry=False)
-    plant = emulator.memory
+    plant = emulator.plant
     assert isinstance(plant, PlantMemory)
     rig.run_for(0.05)
     rig.mailbox.request_power(True)

@@ -123,7 +123,7 @@ def make_table(emulator: Emulator, progress: TableProgress = _ignore) -> Calibra
     recorder = _Recorder(emulator, memory)
     start = emulator.q
     columns = [recorder.record(joint, _places(emulator, joint), progress) for joint in range(emulator.robot.n)]
-    emulator.memory.place(start)
+    emulator.plant.place(start)
     rows = [_usable(joint, np.array(column, dtype=np.int64)) for joint, column in enumerate(columns)]
     table = CalibrationTable(tuple(pots for pots, _ in rows), tuple(counts for _, counts in rows))
     table.check_against(emulator.robot, "the new table")

@@ -174,7 +174,7 @@ class Emulator:
         self._panel: FaultPanel | None = None
         period_ns = NS_PER_S // plant_hz
         dt = period_ns / NS_PER_S
-        self.memory = plant or _make_plant(
+        self.plant = plant or _make_plant(
             physics, robot, dt, self.mismatch.gravity, scene, payload_kg, force_sensor is not None
         )
         transmission, default = robot.transmission, BoardOptions(revision_f=robot.board.revision == "F")
@@ -182,8 +182,8 @@ class Emulator:
         self.bundle = EmulatorBundle(
             board=board,
             drive=record_of(make_drive(robot, self.mismatch, friction or robot.control.friction_preset, dt)),
-            plant=self.memory.plant,
-            wrist=_make_wrist(force_sensor, self.memory, board.analog, dt, seed),
+            plant=self.plant.plant,
+            wrist=_make_wrist(force_sensor, self.plant, board.analog, dt, seed),
             counts_per_unit=1.0 / transmission.rad_per_count,
             q_offset=np.array(transmission.q_offset),
             shaft=np.zeros(N_ENCODERS),
@@ -192,7 +192,7 @@ class Emulator:
         self._power_up(_pose(robot, start), calibrated)
 
     def _power_up(self, q: Floats, calibrated: bool) -> None:
-        self.memory.place(q)
+        self.plant.place(q)
         turn_shafts(self.bundle)
         board, n = self.bundle.board, self.robot.n
         edge = np.floor(self.bundle.shaft + 0.5).astype(np.int64)

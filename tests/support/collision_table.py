@@ -35,7 +35,7 @@ class Table(LockstepRig):
     @property
     def plant(self) -> PlantMemory:
         """Arm and table."""
-        plant = self.emulator.memory
+        plant = self.emulator.plant
         assert isinstance(plant, PlantMemory)
         return plant
 

@@ -97,13 +97,12 @@ class HardTurn:
         self._case, self._mismatch = case, mismatch
 
     def _start(self) -> None:
-        plant = Emulator(PUMA, start="end", scene=FAR, mismatch=self._mismatch)
+        emulator = Emulator(PUMA, start="end", scene=FAR, mismatch=self._mismatch)
         velocity = "observer" if self._case.seed % 2 else "difference"
         settings = ServoSettings(rate_hz=1000.0, velocity=velocity, calibration=TABLE)
-        self.rig = LockstepRig(PUMA, settings, plant)
-        memory = plant.memory
-        assert isinstance(memory, PlantMemory)
-        self._plant = memory
+        self.rig = LockstepRig(PUMA, settings, emulator)
+        assert isinstance(emulator.plant, PlantMemory)
+        self._plant = emulator.plant
         self.rig.run_for(0.3)
         self.rig.mailbox.request_power(True)
         self.rig.run_for(0.5)

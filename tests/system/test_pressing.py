@@ -43,8 +43,8 @@ class Press:
         self.rig = LockstepRig(ROBOT, settings, self.emulator, keep_telemetry=False)
         self.rig.run_for(0.05)
         self.rig.mailbox.request_power(True)
-        assert isinstance(self.emulator.memory, PlantMemory)
-        self.plant = self.emulator.memory
+        assert isinstance(self.emulator.plant, PlantMemory)
+        self.plant = self.emulator.plant
 
     def watch(self, seconds: float) -> Phase:
         """Let time run."""

@@ -123,7 +123,7 @@ def test_a_wrong_model_does_not_change_the_name(speed: float, draw: int) -> None
 
 def force_on(one: CollidingArm) -> float:
     """Force on the tool now, N."""
-    plant = one.rig.emulator.memory
+    plant = one.rig.emulator.plant
     assert isinstance(plant, PlantMemory)
     return float(np.linalg.norm(plant.contact_force()))
 
