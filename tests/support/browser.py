@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Literal
 
+import pytest
 from selenium import webdriver
 from selenium.common.exceptions import StaleElementReferenceException
 from selenium.webdriver.chrome.options import Options
@@ -51,6 +53,12 @@ return element.value === arguments[1];
 def chromium() -> str | None:
     """Path of the browser, None where it is not installed."""
     return shutil.which("chromium")
+
+
+needs_browser = pytest.mark.skipif(
+    not (chromium() and shutil.which("chromedriver")) and "CI" not in os.environ,
+    reason="no browser: apt install chromium chromium-driver",
+)
 
 
 @contextmanager

@@ -45,6 +45,8 @@ EDITS = (
 """What a program of one arm needs in Multi-RCCL, as docs/how-to/two-arms.md says."""
 needs_compiler = pytest.mark.skipif(not shutil.which("cc"), reason="no C compiler: apt install gcc libc6-dev")
 
+needs_cpp_compiler = pytest.mark.skipif(not shutil.which("c++"), reason="no C++ compiler: apt install g++")
+
 needs_valgrind = pytest.mark.skipif(not shutil.which("valgrind"), reason="no valgrind: apt install valgrind")
 
 

@@ -27,7 +27,15 @@ from qrobot.servo.settings import ServoSettings
 from qrobot.sim_board.emulator import Emulator
 from qrobot.wire import Hello
 from tests.support.arcl import EXAMPLES, keys_of_a_terminal, run_c, run_example
-from tests.support.c_programs import CHECKED, FOUND, compiled, needs_compiler, needs_valgrind, under_valgrind
+from tests.support.c_programs import (
+    CHECKED,
+    FOUND,
+    compiled,
+    needs_compiler,
+    needs_cpp_compiler,
+    needs_valgrind,
+    under_valgrind,
+)
 from tests.support.fake_robot import FakeRobot
 from tests.support.puma import PARK, ROBOT
 
@@ -40,6 +48,7 @@ STREAMS = {
     "s13_two_arms": ["puma560.arcl", "puma560-2.arcl"],
     "s14_figure_5": ["puma560.arcl"],
 }
+CPP11, CPP20 = (pytest.param(f"c++ -std={each}", marks=needs_cpp_compiler) for each in ("c++11", "c++20"))
 SAME = 1e-12  # rad; numbers of C are double too, and millimetres there and back are an ulp
 
 
@@ -298,9 +307,7 @@ def test_a_program_that_asks_for_an_output_which_its_deployment_file_does_not_ha
     assert "new_iod: output 5 of puma560 is not configured; the deployment file has none" in told
 
 
-@pytest.mark.parametrize(
-    "standard", ["cc -std=gnu89", "cc -std=c99", "cc -std=gnu17", "c++ -std=c++11", "c++ -std=c++20"]
-)
+@pytest.mark.parametrize("standard", ["cc -std=gnu89", "cc -std=c99", "cc -std=gnu17", CPP11, CPP20])
 def test_the_papers_program_compiles_without_a_warning(standard: str, tmp_path: Path) -> None:
     language = ["-x", "c++"] if "c++" in standard else []
     for name in STREAMS:
@@ -308,7 +315,7 @@ def test_the_papers_program_compiles_without_a_warning(standard: str, tmp_path: 
         subprocess.run([*command, "-c", str(EXAMPLES / f"{name}.c"), "-o", str(tmp_path / "x.o")], check=True)
 
 
-@pytest.mark.parametrize("standard", ["cc -std=gnu17", "c++ -std=c++11"])
+@pytest.mark.parametrize("standard", ["cc -std=gnu17", CPP11])
 def test_numbers_of_all_types_may_stand_in_a_list(standard: str, tmp_path: Path) -> None:
     types = ("char", "short", "int", "long", "long long", "float", "double")
     types += tuple(f"unsigned {each}" for each in types[:5])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 import subprocess
 from pathlib import Path
 
@@ -10,7 +9,7 @@ import pytest
 
 from qrobot.cli import toolchain
 from tests.support.arcl import run_c
-from tests.support.c_programs import needs_compiler
+from tests.support.c_programs import needs_compiler, needs_cpp_compiler
 
 SANITIZED = ("-O1", "-g", "-Wall", "-Wextra", "-Werror", "-fsanitize=address,undefined", "-fno-sanitize-recover")
 KEPT = """\
@@ -33,7 +32,7 @@ int main()
 pytestmark = [needs_compiler, pytest.mark.usefixtures("own_cache", "arcl_alone")]
 
 
-@pytest.mark.skipif(not shutil.which("c++"), reason="no C++ compiler: apt install g++")
+@needs_cpp_compiler
 @pytest.mark.parametrize("standard", ["c++11", "c++20"])
 def test_the_numbers_of_a_list_live_as_long_as_the_value_that_has_them(standard: str, tmp_path: Path, capfd) -> None:
     (tmp_path / "kept.cc").write_text(KEPT)

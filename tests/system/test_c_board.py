@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import shutil
 import signal
 import subprocess
 import time
@@ -38,17 +37,16 @@ from qrobot.realtime.structure import WORD_BYTES, offset_of
 from qrobot.sim_board.board import BoardOptions
 from qrobot.sim_board.emulator import Emulator
 from qrobot.sim_board.server import EmulatedBoardServer
+from tests.support.c_programs import needs_compiler, needs_cpp_compiler
 from tests.support.patience import PATIENCE_S, wait_until
 from tests.support.stall_watch import ANY_TIME_S, StreamLostError, unless_stalled
 
 SOURCES = Path(__file__).parents[2] / "examples" / "c"
 INCLUDE = Path(__file__).parents[2] / "qrobot" / "wire" / "c"
-COMPILER = shutil.which("cc") or ""
 MOVED = 5  # joint 6
 AWAY_S = 0.1  # in which the path of the program goes on by a fraction of what is judged
 PUMA = load_robot("puma560")
 
-needs_compiler = pytest.mark.skipif(not COMPILER, reason="no C compiler: apt install gcc")
 Program = subprocess.Popen[str]
 
 
@@ -56,7 +54,7 @@ Program = subprocess.Popen[str]
 def program(tmp_path_factory: pytest.TempPathFactory) -> Path:
     target = tmp_path_factory.mktemp("c") / "move_one_joint"
     flags = ["-O2", "-Wall", "-Wextra", "-Werror", f"-I{INCLUDE}"]
-    subprocess.run([COMPILER, *flags, "-o", target, SOURCES / "move_one_joint.c", "-lm"], check=True)
+    subprocess.run(["cc", *flags, "-o", target, SOURCES / "move_one_joint.c", "-lm"], check=True)
     return target
 
 
@@ -192,7 +190,11 @@ def test_a_board_that_goes_away_ends_the_program_with_a_word(program: Path, arm:
         assert process.communicate()[1] == f"the board of {arm} has gone\n"
 
 
-@pytest.fixture(scope="module", params=[("cc", "-std=c99"), ("c++", "-std=c++11", "-x", "c++")], ids=["C", "C++"])
+@pytest.fixture(
+    scope="module",
+    params=[("cc", "-std=c99"), pytest.param(("c++", "-std=c++11", "-x", "c++"), marks=needs_cpp_compiler)],
+    ids=["C", "C++"],
+)
 def pots(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The program that reads the converter, as C99 and as C++11, without a warning."""
     compiler, *flags = request.param
@@ -240,7 +242,7 @@ def test_a_thousand_writes_without_a_read_are_all_taken(tmp_path: Path, arm: str
         }"""
     )
     target = tmp_path / "flood"
-    subprocess.run([COMPILER, "-D_GNU_SOURCE", "-I", SOURCES, "-I", INCLUDE, "-o", target, source], check=True)
+    subprocess.run(["cc", "-D_GNU_SOURCE", "-I", SOURCES, "-I", INCLUDE, "-o", target, source], check=True)
     assert subprocess.run([target, arm], check=False).returncode == 0
     assert len(read_trace(server.segment.memory)) == 3001
     assert server.emulator.bundle.board.dac[7] == DAC_ZERO
@@ -267,7 +269,7 @@ def test_conversions_that_are_started_without_anything_between_do_not_fill_the_l
         }}"""
     )
     target = tmp_path / "starts"
-    subprocess.run([COMPILER, "-D_GNU_SOURCE", "-I", SOURCES, "-I", INCLUDE, "-o", target, source], check=True)
+    subprocess.run(["cc", "-D_GNU_SOURCE", "-I", SOURCES, "-I", INCLUDE, "-o", target, source], check=True)
     assert subprocess.run([target, arm], check=False, timeout=PATIENCE_S).returncode == 0
     assert server.emulator.bundle.board.dac[7] == 0x801
 
@@ -298,7 +300,7 @@ def deaf(tmp_path_factory: pytest.TempPathFactory) -> Path:
         }"""
     )
     include = ["-D_GNU_SOURCE", "-I", SOURCES, "-I", INCLUDE]
-    subprocess.run([COMPILER, *include, "-o", folder / "deaf", folder / "deaf.c"], check=True)
+    subprocess.run(["cc", *include, "-o", folder / "deaf", folder / "deaf.c"], check=True)
     return folder / "deaf"
 
 

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import pytest
 
-from tests.support.browser import Page, open_browser
+from tests.support.browser import Page, needs_browser, open_browser
 from tests.support.patience import wait_until
 from tests.system.test_pendant import ONCE, PROGRAM, SOURCE_OF_ONCE, Pendant, pendant
 
 __all__ = ["pendant"]  # the fixture
 
-pytestmark = pytest.mark.realtime
+pytestmark = [pytest.mark.realtime, needs_browser]
 
 HOLD_SOURCE = """
 const ask = window.fetch;

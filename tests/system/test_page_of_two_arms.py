@@ -6,13 +6,13 @@ from typing import Final
 
 import pytest
 
-from tests.support.browser import Page, open_browser
+from tests.support.browser import Page, needs_browser, open_browser
 from tests.support.patience import give_time, wait_until
 from tests.system.test_pendant import Pendant, choose_arm, pendant
 
 __all__ = ["pendant"]  # the fixture
 
-pytestmark = pytest.mark.realtime
+pytestmark = [pytest.mark.realtime, needs_browser]
 
 FAULT: Final = {"fault": "stuck of one", "over": False, "steps": 1, "acted": 1}
 BOARD: Final = {

@@ -29,7 +29,7 @@ from qrobot.pendant.held_press import PATIENCE_S as PRESS_PATIENCE_S
 from qrobot.servo.checks.hold_to_run import PATIENCE_NS
 from qrobot.servo.operator.client import ServoClient
 from qrobot.wire.vocabulary import RobotFlag
-from tests.support.browser import Page, open_browser
+from tests.support.browser import Page, needs_browser, open_browser
 from tests.support.patience import PATIENCE_S, give_time, wait_until
 from tests.support.processes import RunningArm, free_port, qrobot
 from tests.support.relay import Relay
@@ -285,6 +285,7 @@ def is_at_rest(arm: RunningArm) -> bool:
     return bool((arm.snapshot().q_setpoint == before).all())
 
 
+@needs_browser
 def test_an_arm_is_driven_from_one_page_and_a_page_that_stalls_or_dies_moves_it_no_longer(
     arm: RunningArm, shared_arm: SharedArm, pendant: Pendant
 ) -> None:
@@ -620,6 +621,7 @@ def the_page_knows_how_far_off_each_fence_is(page: Page, pendant: Pendant) -> No
     assert page.shows(".scene .nearest", "mm off")
 
 
+@needs_browser
 def test_what_is_held_ends_with_the_key_or_button_whatever_that_is_called_meanwhile_and_with_any_other(
     arm: RunningArm, pendant: Pendant
 ) -> None:
@@ -679,6 +681,7 @@ def hold(page: Page, press: Callable[[], None], let_go: Callable[[], None]) -> N
 
 
 @pytest.mark.thorough
+@needs_browser
 def test_the_speed_override_is_what_the_slider_shows_however_long_a_finger_rests_on_it(pendant: Pendant) -> None:
     with open_browser() as driver:
         page = Page(driver, pendant.address)

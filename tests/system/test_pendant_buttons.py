@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import pytest
 
-from tests.support.browser import Page, open_browser
+from tests.support.browser import Page, needs_browser, open_browser
 from tests.support.patience import wait_until
 from tests.support.processes import RunningArm
 from tests.system.test_pendant import Pendant, pendant
 
 __all__ = ["pendant"]  # the fixture
 
-pytestmark = pytest.mark.realtime
+pytestmark = [pytest.mark.realtime, needs_browser]
 
 FREE = "{driver: pendant.page, session: 'no', commanded: false}"
 JOGGED = "{driver: pendant.page, session: 'ready', guide: false}"

@@ -5,14 +5,14 @@ from __future__ import annotations
 import pytest
 from selenium.webdriver.common.keys import Keys
 
-from tests.support.browser import Page, open_browser
+from tests.support.browser import Page, needs_browser, open_browser
 from tests.support.patience import wait_until
 from tests.support.relay import Relay
 from tests.system.test_pendant import Pendant, choose_arm, pendant
 
 __all__ = ["pendant"]  # the fixture
 
-pytestmark = pytest.mark.realtime
+pytestmark = [pytest.mark.realtime, needs_browser]
 
 NUMBERS = [400.0, 0.0, 0.0, 90.0, 0.0, 0.0]
 CELL = ".place-editor input[type=number]"

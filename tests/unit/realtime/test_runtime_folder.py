@@ -31,9 +31,9 @@ from qrobot.servo.memory.commander_lock import Authority
 from qrobot.servo.operator.client import ServoClient
 from qrobot.servo.operator.sockets import ControlSocket, control_name
 from tests.support.accounts import OTHER, as_other_account, needs_root
+from tests.support.c_programs import needs_compiler
 
 HEADERS = Path(__file__).parents[3] / "qrobot" / "wire" / "c"
-COMPILER = shutil.which("cc") or ""
 ARM = "puma560"
 
 PRINT_PATH = """
@@ -332,9 +332,7 @@ def says(session: Path, tmp_path: Path) -> Callable[..., list[str]]:
     """What a program in C finds with these variables: the folder, and how it fares with the board's file there."""
     program, source = tmp_path / "where", tmp_path / "where.c"
     source.write_text(PRINT_PATH)
-    subprocess.run(
-        [COMPILER, "-std=c99", "-Wall", "-Wextra", "-Werror", f"-I{HEADERS}", source, "-o", program], check=True
-    )
+    subprocess.run(["cc", "-std=c99", "-Wall", "-Wextra", "-Werror", f"-I{HEADERS}", source, "-o", program], check=True)
 
     def run(**variables: str) -> list[str]:
         with pytest.MonkeyPatch.context() as patch:
@@ -357,9 +355,6 @@ def board(session: Path) -> Path:
     file = made / f"{ARM}-board"
     file.touch(0o600)
     return file
-
-
-needs_compiler = pytest.mark.skipif(not COMPILER, reason="no C compiler: apt install gcc")
 
 
 @needs_compiler
