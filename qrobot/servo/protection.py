@@ -19,6 +19,7 @@ category (`servo.stop_categories`). The guardian stands beside the cycle, a proc
 | brakes                 | `watch_brakes`                                 | `checks.fault_monitors`               |
 | remote modules         | `watch_modules`                                | `checks.fault_monitors`               |
 | setpoints              | `take_frame`, each when it becomes a reference | `stages.setpoint_stream`              |
+| following error        | `watch_following`                              | `checks.limit_checks`                 |
 | the key, hold to run   | `watch_key`                                    | `checks.hold_to_run`                  |
 | speed of the tool      | `watch_tool`                                   | `checks.reduced_speed`                |
 | torque of the law      | `drive`                                        | `checks.limit_checks`, `laws`         |
