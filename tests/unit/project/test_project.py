@@ -94,7 +94,8 @@ def test_the_import_contracts_name_every_package_and_pure_module_that_there_is()
     packages = {path.parent.name for path in (ROOT / "qrobot").glob("*/__init__.py")}
     assert packages <= set(re.findall(r"\w+", layers))
     pure = contracts["importlinter:contract:pure-modules"]["source_modules"].split()
-    assert [name for name in pure if not (ROOT / (name.replace(".", "/") + ".py")).is_file()] == []
+    paths = [path.relative_to(ROOT).with_suffix("") for path in (ROOT / "qrobot").rglob("*.py")]
+    assert set(pure) <= {".".join(path.parts).removesuffix(".__init__") for path in paths}
 
 
 def test_the_licence_is_the_one_the_project_declares() -> None:
