@@ -22,6 +22,7 @@ import notebook  # noqa: E402
 import tables  # noqa: E402
 import wire_header  # noqa: E402
 
+from qrobot.hwif import registers  # noqa: E402
 from qrobot.hwif.canbus import objects  # noqa: E402
 from qrobot.wire import document  # noqa: E402
 
@@ -36,6 +37,7 @@ PARTS: Final[dict[str, Callable[[], str]]] = {
     "command-line": command_line.command_line,
     "deployment-keys": file_keys.deployment_keys,
     "robot-keys": file_keys.robot_keys,
+    "registers": registers.markdown_table,
     "modbus-window": modbus_tables.window,
     "modbus-image": modbus_tables.image,
     "modbus-mailbox": modbus_tables.mailbox,
@@ -58,6 +60,7 @@ PAGES: Final[dict[str, Callable[[str], str]]] = {
     "reference/deployment-file.md": rewrite,
     "reference/robot-file.md": rewrite,
     "reference/laws.md": rewrite,
+    "reference/registers.md": rewrite,
     "reference/modbus-map.md": rewrite,
     "reference/telemetry.md": rewrite,
     "reference/can-objects.md": rewrite,

@@ -117,7 +117,7 @@ def register_at(offset: int) -> Register:
 
 
 def markdown_table() -> str:
-    """The register page of the documentation, made from the rows."""
+    """Table of the register page, which `docs/refresh.py` writes there."""
     head = "| offset | n | bits | name | access | scale | unit | meaning | source |\n|---|---|---|---|---|---|---|---|---|\n"
     return head + "".join(
         f"| {r.offset:#04x} | {r.count} | {r.width} | {r.name} | {r.access.value} | {r.scale.replace('|', chr(92) + '|')} "

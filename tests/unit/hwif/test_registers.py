@@ -1,16 +1,14 @@
-"""The register table agrees with itself, with its bit masks and with its page in the documentation."""
+"""The register table agrees with itself and with its bit masks."""
 
 from __future__ import annotations
 
 from itertools import combinations
-from pathlib import Path
 
 import pytest
 
 from qrobot.hwif import registers as r
-from qrobot.hwif.registers import REGISTERS, Access, Register, markdown_table, register_at
+from qrobot.hwif.registers import REGISTERS, Access, Register, register_at
 
-PAGE = Path(__file__).parents[3] / "docs" / "reference" / "registers.md"
 NAMED = {"ENC_INDEX", "STATUS", "ENC_COUNT", "ADC_VALUE", "ADC_START", "ENC_LOAD", "ADC_MUX", "DISCRETE", "DAC"}
 
 
@@ -75,9 +73,3 @@ def test_converter_scales_are_the_published_ones() -> None:
     assert pytest.approx(0.0003052, abs=1e-7) == r.ADC_F_VOLT_PER_COUNT
     assert pytest.approx(0.0196, abs=1e-4) == r.ADC_E_VOLT_PER_COUNT
     assert 7 << r.ADC_F_CHANNEL_SHIFT | r.ADC_F_COMMAND == 0x3D0
-
-
-def test_the_documentation_page_holds_the_table_as_it_is() -> None:
-    """When this fails, put the output of `markdown_table()` between the page's two marks."""
-    page = PAGE.read_text(encoding="utf-8")
-    assert page.split("<!-- table -->")[1] == "\n" + markdown_table()

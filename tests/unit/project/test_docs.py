@@ -105,6 +105,7 @@ def test_generated_parts_of_a_reference_page_are_fresh(name: str) -> None:
         ("modes", "    HOLDING --> TRACKING: "),
         ("faults", "| 22 | GUARD_TRIP | 0 | yes |"),
         ("laws", "| `qrobot` (default) | "),
+        ("registers", "| 0x2c | 1 | 16 | ADC_MUX | "),
         ("telemetry", "| `q` | float64[n] | measured position, rad or m |"),
         ("command-line", "### qrobot log export"),
         ("deployment-keys", "| `rate_hz` | whole number from 100 to 10000 | `1000` |"),
