@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
@@ -88,39 +88,10 @@ def board(
         raise ConfigError(
             f"--record: the emulated board of {chosen.name} is behind no transport; its log has every cycle"
         )
-    from qrobot.hwif.board_memory import claim_board
-    from qrobot.hwif.bus import MemoryEndpoint
-    from qrobot.hwif.transports import check_servers, modules_beside, servers
-    from qrobot.servo.memory.servo_memory import arm_is_driven
-    from qrobot.sim_board.deployed import emulator_of_arm
-    from qrobot.sim_board.faults import FaultPlan
-    from qrobot.sim_board.server import serve as serve_emulator
-
-    check_servers(serve)
-    robot = robot_of_arm(chosen)
-    plan = FaultPlan.load(faults) if faults else FaultPlan()
-    plan = FaultPlan(plan.faults + FaultPlan.parse(fault).faults, plan.seed)
-    emulator = emulator_of_arm(chosen, robot, plant=plant, calibrated=calibrated, scene=scene, faults=plan)
-
-    @contextmanager
-    def served(segment: BoardSegment) -> Iterator[None]:
-        if serve:
-            claim_board(segment, chosen.name)
-        memory = segment.memory
-        with modules_beside(chosen.board, memory, told), servers(serve, MemoryEndpoint(memory), told):
-            yield
-
-    with QueuedReport(note) as told:
-        serve_emulator(
-            chosen.name,
-            emulator,
-            lambda: told(f"board of {chosen.name} ({robot.name}) runs"),
-            served,
-            chosen.board.slips,
-            [arm.name for arm in choose_arms(deployment, None) if arm.board.slips and arm.name != chosen.name],
-            lambda line: told(f"{chosen.name}: {line}"),
-            partial(arm_is_driven, chosen.name),
-        )
+    beside = [each.name for each in choose_arms(deployment, None) if each.board.slips and each.name != chosen.name]
+    run_emulator(
+        chosen, beside, plant=plant, calibrated=calibrated, fault=fault, faults=faults, scene=scene, serve_over=serve
+    )
 
 
 def refuse_options(arm: DeployedArm, **options: object) -> None:
@@ -128,6 +99,66 @@ def refuse_options(arm: DeployedArm, **options: object) -> None:
     given = ", ".join(f"--{name}" for name, value in options.items() if value not in (None, ()))
     if given:
         raise ConfigError(f"{given}: only for an emulated board, and that of {arm.name} is of kind {arm.board.kind!r}")
+
+
+def run_emulator(
+    arm: DeployedArm,
+    beside: Sequence[str],
+    *,
+    plant: Literal["nominal", "mismatched"] | None = None,
+    calibrated: bool | None = None,
+    fault: tuple[str, ...] = (),
+    faults: Path | None = None,
+    scene: SceneKind | None = None,
+    serve_over: tuple[str, ...] = (),
+) -> None:
+    """The process of an emulated board and the arm behind it.
+
+    Args:
+        arm: as the deployment file has it.
+        beside: names of the emulated arms with which it keeps one time.
+        plant: overrides the file unless it is None; so do `calibrated` and `scene`.
+        fault: lines that tell what breaks, besides those of the file `faults`.
+        serve_over: transports over which the board is served as well, each as `TRANSPORT=ADDRESS`.
+
+    Raises:
+        ConfigError: robot file, faults, scene or transports are wrong, or something that they need is not installed.
+        LinkBusy: a board serves that arm already, or this one has a controller and cannot be served over a transport.
+        LinkError: there is no room for its memory, or an address of a transport is in use or not there.
+    """
+    from qrobot.hwif.board_memory import claim_board
+    from qrobot.hwif.bus import MemoryEndpoint
+    from qrobot.hwif.transports import check_servers, modules_beside, servers
+    from qrobot.servo.memory.servo_memory import arm_is_driven
+    from qrobot.sim_board.deployed import emulator_of_arm
+    from qrobot.sim_board.faults import FaultPlan
+    from qrobot.sim_board.server import serve
+
+    check_servers(serve_over)
+    robot = robot_of_arm(arm)
+    plan = FaultPlan.load(faults) if faults else FaultPlan()
+    plan = FaultPlan(plan.faults + FaultPlan.parse(fault).faults, plan.seed)
+    emulator = emulator_of_arm(arm, robot, plant=plant, calibrated=calibrated, scene=scene, faults=plan)
+
+    @contextmanager
+    def served(segment: BoardSegment) -> Iterator[None]:
+        if serve_over:
+            claim_board(segment, arm.name)
+        memory = segment.memory
+        with modules_beside(arm.board, memory, told), servers(serve_over, MemoryEndpoint(memory), told):
+            yield
+
+    with QueuedReport(note) as told:
+        serve(
+            arm.name,
+            emulator,
+            lambda: told(f"board of {arm.name} ({robot.name}) runs"),
+            served,
+            arm.board.slips,
+            beside,
+            lambda line: told(f"{arm.name}: {line}"),
+            partial(arm_is_driven, arm.name),
+        )
 
 
 def run_gateway(arm: DeployedArm, record: Path | None = None) -> None:
