@@ -151,6 +151,65 @@ def stalls(deployment: Path, *, times: int = 100, seed: int = 0, json: Path | No
 
 
 @app.command
+def busy(deployment: Path, *, minutes: float = 10.0, json: Path | None = None) -> int:
+    """Swing an emulated arm beside one program a processor that computes all the time: nothing may come of it.
+
+    Parameters
+    ----------
+    deployment
+        File with one emulated arm; nobody else may run it.
+    minutes
+        For how long.
+    json
+        Write the result to this file as well.
+    """
+    from dataclasses import asdict
+    from tempfile import TemporaryDirectory
+
+    from benchmarks.busy import Busy
+    from benchmarks.busy import busy as run
+
+    with TemporaryDirectory() as folder, console.status("starting") as status:
+
+        def progress(now: Busy) -> None:
+            status.update(f"{now.seconds:.0f} of {60.0 * minutes:.0f} s, {now.late_cycles} late cycles")
+
+        result = run(deployment, Path(folder), 60.0 * minutes, progress)
+    _report(asdict(result), json)
+    return 1 if result.events else 0
+
+
+@app.command
+def guardian(deployment: Path, *, times: int = 20, seed: int = 0, json: Path | None = None) -> int:
+    """Kill the servo of an emulated arm in motion, again and again: how soon is it without torque and power?
+
+    Parameters
+    ----------
+    deployment
+        File with one emulated arm; nobody else may run it. The guardian's bound stands there.
+    times
+        How often.
+    seed
+        Of the moments.
+    json
+        Write the result to this file as well.
+    """
+    from dataclasses import asdict
+    from tempfile import TemporaryDirectory
+
+    from benchmarks.guardian import Reactions, reactions
+
+    with TemporaryDirectory() as folder, console.status("starting") as status:
+
+        def progress(now: Reactions) -> None:
+            status.update(f"{len(now.safe_ms)} of {times}, {max(now.safe_ms):.1f} ms at most")
+
+        result = reactions(deployment, Path(folder), times, seed, progress)
+    _report(asdict(result), json)
+    return 1 if result.late else 0
+
+
+@app.command
 def pendant(deployment: str = "two_arms", *, seconds: float = 15.0, json: Path | None = None) -> int:
     """Two arms in motion with and without a pendant of four pages, in turns: servo, server, age of what a page gets.
 

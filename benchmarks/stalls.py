@@ -12,7 +12,8 @@ import os
 import signal
 import threading
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -20,7 +21,7 @@ from typing import Final
 
 import numpy as np
 
-from qrobot.config.deployment import load_deployment
+from qrobot.config.deployment import DeployedArm, load_deployment
 from qrobot.errors import QRobotError
 from qrobot.faultcodes import FaultCode
 from qrobot.hwif.board_memory import attach_board_memory
@@ -112,6 +113,21 @@ def swing(channel: Channel, done: threading.Event) -> None:
         return
 
 
+@contextmanager
+def swinging(arm: DeployedArm) -> Iterator[None]:
+    """A program swings the running arm meanwhile. Raises what connecting fails by; an arm that is lost ends it."""
+    link = partial(TcpLink, address=(arm.bridge.host, arm.bridge.port))
+    with open_channel(link, arm.robot, arm.bridge.period_ms, clear_fault=True) as channel:
+        done = threading.Event()
+        program = threading.Thread(target=swing, args=(channel, done))
+        program.start()
+        try:
+            yield
+        finally:
+            done.set()
+            program.join()
+
+
 def stall_again_and_again(
     arm: str, pids: Callable[[], list[int]], times: int, seed: int, longest_s: float = LONGEST_S
 ) -> Stalls:
@@ -134,15 +150,7 @@ def stalls(deployment: Path, folder: Path, times: int, seed: int = 0) -> Stalls:
     (arm,) = load_deployment(deployment).arm
     with ProcessRig(folder) as rig:
         ArmProcesses(rig, str(deployment), arm).start_all()
-        link = partial(TcpLink, address=(arm.bridge.host, arm.bridge.port))
-        with open_channel(link, arm.robot, arm.bridge.period_ms, clear_fault=True) as channel:
-            done = threading.Event()
-            program = threading.Thread(target=swing, args=(channel, done))
-            program.start()
-            try:
-                return stall_again_and_again(
-                    arm.name, lambda: [child.process.pid for child in rig.children.values()], times, seed
-                )
-            finally:
-                done.set()
-                program.join()
+        with swinging(arm):
+            return stall_again_and_again(
+                arm.name, lambda: [child.process.pid for child in rig.children.values()], times, seed
+            )

@@ -97,8 +97,8 @@ def test_that_a_stop_has_not_reached_an_arm_is_told_beside_what_is_told_of_anoth
         newest = lambda: page.run("return pendant.status.arms[0].notice")  # noqa: E731
         wait_until(lambda: newest().startswith(told), "the other one was told")
         assert lost()
-        page.click_at("#fault .dismiss")
-        assert not lost()
+        # Of the one that is there it may be unsure too, in a line above, where its servo answers late.
+        wait_until(lambda: page.click_if("#fault .dismiss") and not lost(), "it is taken away")
         page.type(Keys.ESCAPE)
         wait_until(lost, "it is told anew")
 
