@@ -31,13 +31,13 @@ def telling(q_ref, v_ref, q, v, gains, gravity, friction, memory, tau):
 
 # After some seconds of a run, whose law its trial has found harmless.
 HANGING = """
-from qrobot.servo.laws.law import law
+from qrobot.servo.laws.law import KP, KV, law
 
 @law
-def hanging(gravity, memory, tau):
-    memory[0] += 1.0
+def hanging(q_ref, v_ref, q, v, gains, gravity, friction, memory, tau):
     for j in range(tau.size):
-        tau[j] = gravity[j]
+        tau[j] = gains[KP, j] * (q_ref[j] - q[j]) + gains[KV, j] * (v_ref[j] - v[j]) + gravity[j] + friction[j]
+    memory[0] += 1.0
     while memory[0] > 3000.0:
         tau[0] += 1e-9
 """
@@ -113,7 +113,7 @@ def test_ctrl_c_ends_a_demo_whose_law_never_comes_back(tmp_path: Path) -> None:
         while "run 1 of" not in (line := process.stderr.readline()):
             assert line, "it has ended"
         caught_s = computing_s(process.pid) + HANGS_AFTER_S
-        wait_until(lambda: computing_s(process.pid) > caught_s, "the law hangs")
+        wait_until(lambda: process.poll() is not None or computing_s(process.pid) > caught_s, "the law hangs")
         process.send_signal(signal.SIGINT)
         _, said = process.communicate(timeout=PATIENCE_S)
     assert process.returncode == 130

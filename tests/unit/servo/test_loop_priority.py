@@ -6,7 +6,7 @@ import os
 
 import pytest
 
-from qrobot.servo.process.loop_priority import LOOK_NS, PATIENCE_NS, TAKEN, LoopPriority
+from qrobot.servo.process.loop_priority import LOOK_NS, PATIENCE_NS, TAKEN_WEIGHT, LoopPriority
 from qrobot.units import NS_PER_S
 
 THREAD = 4711
@@ -68,7 +68,7 @@ def test_once_the_guardian_has_the_board_a_tenth_of_the_patience_is_left(monkeyp
     said: list[str] = []
     scheduler, looks = FakeScheduler(monkeypatch, FIFO, 80), Looks(said)
     looks.look(1, taken=True)
-    looks.look(1, PATIENT_LOOKS // TAKEN - 1, taken=True)
+    looks.look(1, PATIENT_LOOKS // TAKEN_WEIGHT - 1, taken=True)
     assert scheduler.now == (FIFO, 80)
     looks.look(1, taken=True)
     assert scheduler.now == (ORDINARY, 0)

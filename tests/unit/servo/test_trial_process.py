@@ -137,7 +137,7 @@ def test_a_law_without_an_end_is_refused_and_so_it_is_in_lockstep(tmp_path: Path
 def test_a_law_that_is_too_slow_for_the_rate_is_refused_and_so_it_is_in_lockstep(tmp_path: Path) -> None:
     path = tmp_path / "law_file.py"
     path.write_text(
-        HEAD + "@law\ndef mine(q, tau):\n    x = q[0]\n    for k in range(1000000):\n        x = x * 0.999 + 1e-3 * k\n"
+        HEAD + "@law\ndef mine(q, tau):\n    x = q[0]\n    for k in range(200000):\n        x = x * 0.999 + 1e-3 * k\n"
         "    for j in range(tau.size):\n        tau[j] = 1e-12 * x\n"
     )
     with pytest.raises(ConfigError, match=r"takes .* us, and a cycle of 250 us leaves it 125\.0: make it faster"):
