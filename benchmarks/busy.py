@@ -86,11 +86,13 @@ def busy(
     found = Busy(loops=(os.cpu_count() or 1) if loops is None else loops)
     with ProcessRig(folder) as rig:
         ArmProcesses(rig, str(deployment), arm).start_all()
-        with busy_loops(found.loops), swinging(arm):
+        with busy_loops(found.loops), swinging(arm) as program:
             began_s = time.monotonic()
             while found.seconds < seconds and not found.events:
                 time.sleep(LOOK_S)
                 found.look(snapshot_of(arm.name), time.monotonic() - began_s)
+                if not program.is_alive():
+                    found.events.append(f"the program has lost the arm after {found.seconds:.0f} s")
                 progress(found)
         found.slipped_s = slipped_s(arm.name)
     return found

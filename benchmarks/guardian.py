@@ -2,8 +2,8 @@
 
     python -m benchmarks guardian FILE --times 20
 
-The time counts from the servo's last heartbeat, so a part of the servo's period is in it. The guardian promises twice
-its bound where it may run at a real-time priority, and nothing where the system keeps it from running.
+The time counts from the servo's last heartbeat, so a part of the servo's period is in it. The guardian acts within its
+bound and a fifth where the system lets it run; more than twice the bound is told as late.
 """
 
 from __future__ import annotations
@@ -65,13 +65,15 @@ def reactions(
         processes = ArmProcesses(rig, str(deployment), arm)
         processes.start_all()
         servo = processes.name_of("servo")
-        for _ in range(times):
+        for so_far in range(1, times + 1):
             with suppress(QRobotError), swinging(arm):  # the program loses its arm
                 _wait(lambda: bool(np.abs(snapshot_of(arm.name).v).max() > RAD_S), "is not on its way")
                 time.sleep(float(random.uniform(0.0, PAUSE_S)))
                 rig.children[servo].process.kill()
                 rig.children[servo].process.wait()
                 found.safe_ms.append(_safe_after_ms(arm))
+            if len(found.safe_ms) < so_far:
+                raise LinkTimeout(f"the arm did not get on its way, or was not made safe, within {PATIENCE_S:g} s")
             progress(found)
             processes.start("servo")
             _wait(lambda: bool(np.abs(snapshot_of(arm.name).v).max() < 1e-3), "does not come to rest")

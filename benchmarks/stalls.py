@@ -114,15 +114,18 @@ def swing(channel: Channel, done: threading.Event) -> None:
 
 
 @contextmanager
-def swinging(arm: DeployedArm) -> Iterator[None]:
-    """A program swings the running arm meanwhile. Raises what connecting fails by; an arm that is lost ends it."""
+def swinging(arm: DeployedArm) -> Iterator[threading.Thread]:
+    """A program swings the running arm meanwhile, in a thread that ends when it loses it.
+
+    Raises what connecting fails by.
+    """
     link = partial(TcpLink, address=(arm.bridge.host, arm.bridge.port))
     with open_channel(link, arm.robot, arm.bridge.period_ms, clear_fault=True) as channel:
         done = threading.Event()
         program = threading.Thread(target=swing, args=(channel, done))
         program.start()
         try:
-            yield
+            yield program
         finally:
             done.set()
             program.join()

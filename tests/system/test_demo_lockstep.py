@@ -41,7 +41,7 @@ def hanging(q_ref, v_ref, q, v, gains, gravity, friction, memory, tau):
     while memory[0] > 3000.0:
         tau[0] += 1e-9
 """
-HANGS_AFTER_S = 8.0  # of computing; a run takes less
+HANGS_AFTER_S = 12.0  # of computing; a run takes less
 
 RUN_KEYS = {
     "rate_hz": int,
