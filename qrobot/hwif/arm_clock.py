@@ -65,9 +65,10 @@ def await_board(board: BoardMemory, slips: int, due_ns: int) -> tuple[int, int]:
     slipped = slipped_ns(board, slips)
     now_ns = monotonic_ns()
     if slips != 0 and now_ns - slipped - due_ns > STALL_NS:
-        until_ns = now_ns + PATIENCE_NS
-        while now_ns - slipped - load_acquire(board.facts, "now_ns") > STALL_NS and now_ns < until_ns:
+        looks = PATIENCE_NS // POLL_NS  # not a time: another stall may come meanwhile
+        while now_ns - slipped - load_acquire(board.facts, "now_ns") > STALL_NS and looks > 0:
             sleep_until_ns(now_ns + POLL_NS)
             slipped = slipped_ns(board, slips)
             now_ns = monotonic_ns()
+            looks -= 1
     return slipped, now_ns - slipped

@@ -10,7 +10,7 @@ def read_arm_time_ns(slipped_ns: Callable[[], int]) -> int:
     """CLOCK_MONOTONIC less what `slipped_ns` tells; the clock is read again where that has grown meanwhile.
 
     After a stall of which the arm has not told yet this lies in the future, by as much as the stall was long; it never
-    lies in the past.
+    lies in the past by a stall that the arm shared.
     """
     slipped, now_ns = slipped_ns(), time.monotonic_ns()
     newest = slipped_ns()

@@ -33,10 +33,9 @@ from qrobot.wire import ErrorCode
 LOG: Final = logging.getLogger("qrobot.rccl_bridge")
 SOCKET_BUFFER_BYTES: Final = 16_384  # a slow reader finds at most this much of the past, doubled by the kernel
 WRITE_BUFFER_BYTES: Final = 8_192
-OVERSLEPT_S: Final = 0.003  # a timer that fires later found this process stopped [A]
+OVERSLEPT_S: Final = 0.02  # a timer that fires later found this process stopped [A]
 LOOK_S: Final = 0.002
-PATIENCE_S: Final = 0.2  # with an emulated arm that wakes up after we did, at most [A]
-FIRST_PATIENCE_S, PATIENCE_SHARE = 0.01, 3.0  # after a short stall: so long, and so many times as long as that was [A]
+PATIENCE_S: Final = 0.2  # with an emulated arm that wakes up after we did [A]
 LINGER_S: Final = 1.0  # a closed connection that does not drain is cut after this
 MAX_LINGERING: Final = 32  # closed connections that are waited for
 
@@ -138,7 +137,7 @@ class _Client(asyncio.Protocol):
         )  # fmt: skip
         self.transport: asyncio.Transport | None = None
         self._timer: asyncio.TimerHandle | None = None
-        self._due_s = self._patient_until_s = 0.0  # on the event loop's clock
+        self._wake_s = self._patient_until_s = 0.0  # when the timer is to fire, on the event loop's clock
 
     async def take_over(self, connection: socket.socket) -> None:
         """Serve this connection."""
@@ -195,7 +194,7 @@ class _Client(asyncio.Protocol):
     def _tick(self) -> None:
         asked_ns, state = self._server.now_ns(), self._server.read_state()
         if self._awaits_the_arm():
-            self._timer = asyncio.get_running_loop().call_later(LOOK_S, self._tick)
+            self._call_at(asyncio.get_running_loop().time() + LOOK_S)
             return
         now_ns = min(asked_ns, self._server.now_ns())  # the later is the smaller where a stall was told of in between
         if state is None:  # or it was looked for at the end of a stall, of which its arm had not told yet
@@ -208,15 +207,17 @@ class _Client(asyncio.Protocol):
         if self._timer is not None:
             self._timer.cancel()
         if not self.session.ended:
-            self._due_s = (self.session.due_ns + self._server.port.slipped_ns()) / 1e9
-            self._timer = asyncio.get_running_loop().call_at(self._due_s, self._tick)
+            self._call_at((self.session.due_ns + self._server.port.slipped_ns()) / 1e9)
+
+    def _call_at(self, wake_s: float) -> None:
+        self._wake_s = wake_s
+        self._timer = asyncio.get_running_loop().call_at(wake_s, self._tick)
 
     def _awaits_the_arm(self) -> bool:
         """This process was kept from running, and so was its emulated arm, which may be about to say for how long."""
         now_s = asyncio.get_running_loop().time()
-        overslept_s = now_s - self._due_s
-        if overslept_s > OVERSLEPT_S and self._patient_until_s < self._due_s:
-            self._patient_until_s = now_s + min(FIRST_PATIENCE_S + PATIENCE_SHARE * overslept_s, PATIENCE_S)
+        if now_s - self._wake_s > OVERSLEPT_S:
+            self._patient_until_s = now_s + PATIENCE_S
         return now_s < self._patient_until_s and self._server.port.stalled()
 
     def _carry_out(self, actions: list[Action]) -> None:

@@ -8,7 +8,6 @@ from dataclasses import replace
 from typing import Final
 
 from qrobot.errors import LinkError
-from qrobot.hwif.arm_clock import STALL_NS
 from qrobot.model.payload_judge import PayloadJudge
 from qrobot.rccl_bridge.arm_time import read_arm_time_ns
 from qrobot.rccl_bridge.request_port import RequestPort
@@ -16,11 +15,10 @@ from qrobot.rccl_bridge.servo_interface import SetpointFrame
 from qrobot.servo.memory.followed_servo import FollowedServo
 from qrobot.servo.memory.mailbox import ServoMailbox
 from qrobot.servo.memory.servo_memory import ServoMemory
-from qrobot.units import NS_PER_MS, NS_PER_US
+from qrobot.units import NS_PER_US
 from qrobot.wire.vocabulary import LONGEST_PERIOD_US
 
-ASLEEP_NS: Final = STALL_NS + NS_PER_MS  # a servo whose last cycle is older waits for its emulated board [A]
-STALLED_NS: Final = 20_000_000  # one that its guardian has stopped has to show that it runs, within as long [A]
+STALLED_NS: Final = 20_000_000  # a servo whose last cycle is older waits for its emulated board, or was stopped [A]
 NEW_SERVO_NS: Final = LONGEST_PERIOD_US * NS_PER_US  # a new servo counts as away so long: each session sees it
 STALE_NS: Final = 250_000_000  # a servo whose last cycle is older does not run, whatever its guardian says
 
@@ -87,8 +85,7 @@ class ServoPort(RequestPort):
             memory = self._mailbox().memory
         except LinkError:
             return False
-        asleep_ns = max(ASLEEP_NS, 2 * int(memory.info.period_ns))
-        return bool(memory.heartbeat.slips) and self._silence_ns(memory) > asleep_ns
+        return bool(memory.heartbeat.slips) and self._silence_ns(memory) > STALLED_NS
 
     def _silence_ns(self, memory: ServoMemory) -> int:
         heard_ns = int(memory.heartbeat.t_ns)  # first: what is read later can only make the silence longer

@@ -87,19 +87,25 @@ def distances_at_stops(neighbour: Neighbour, own: ServoSnapshot, other: ServoSna
 
 
 class NeighbourLook:
-    """Looks at one other arm. Its time is that of its own servo, which stands still where that of the world does.
+    """Looks at one other arm.
+
+    How long that has been silent counts on the own servo's time as well as on `clock`, whichever goes on less between
+    two looks: the first stands still where that of the world does, the second while the own servo alone does not run.
 
     Args:
         neighbour: that arm.
         own, other: newest states; None where there is none.
         told: words of `ServoState.neighbour`, of which verdict, distance, margin and number of looks are filled.
+        clock: seconds.
         period_s: of the servo: its time may have gone on by as much since its newest state.
     """
 
-    def __init__(self, neighbour: Neighbour, own: Hear, other: Hear, told: Floats, period_s: float) -> None:
+    def __init__(
+        self, neighbour: Neighbour, own: Hear, other: Hear, told: Floats, clock: Callable[[], float], period_s: float
+    ) -> None:
         self.neighbour = neighbour
-        self._own, self._other, self._told, self._late_s = own, other, told, LOOK_S + period_s
-        self._tick, self._heard_s = -1, -np.inf
+        self._own, self._other, self._told, self._clock, self._late_s = own, other, told, clock, LOOK_S + period_s
+        self._tick, self._silence_s, self._looked = -1, np.inf, (0.0, 0.0)
 
     def look(self) -> float:
         """Judge, tell, and return the verdict."""
@@ -115,9 +121,11 @@ class NeighbourLook:
 
     def _silent_s(self, own: ServoSnapshot, other: ServoSnapshot) -> float:
         """Seconds since the other arm told where it is; infinite while it cannot, for its counters tell no place."""
+        before, self._looked = self._looked, (own.t_ns / NS_PER_S, self._clock())
+        self._silence_s += min(now_s - before_s for now_s, before_s in zip(self._looked, before, strict=True))
         if other.tick != self._tick:
-            self._tick, self._heard_s = other.tick, own.t_ns / NS_PER_S
-        return own.t_ns / NS_PER_S - self._heard_s if other.flags & FLAG_CALIBRATED else np.inf
+            self._tick, self._silence_s = other.tick, 0.0
+        return self._silence_s if other.flags & FLAG_CALIBRATED else np.inf
 
     def _judge(self, found: Floats) -> float:
         """Too near when a stop of both would end within the margin; arms that are there already may part."""

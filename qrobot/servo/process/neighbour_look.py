@@ -70,9 +70,10 @@ def looking(
         yield
         return
     done = threading.Event()
+    period_s = int(mailbox.info.period_ns) / NS_PER_S
     others = [OtherServo(each.name, each.robot, each.other_a_stop.size, time.monotonic) for each in neighbours]
     looks = [
-        NeighbourLook(each, mailbox.snapshot, other.snapshot, words, int(mailbox.info.period_ns) / NS_PER_S)
+        NeighbourLook(each, mailbox.snapshot, other.snapshot, words, time.monotonic, period_s)
         for each, other, words in zip(neighbours, others, told, strict=False)  # there may be more rows
     ]
     thread = threading.Thread(target=_look_on, args=(looks, others, done, say), name="servo-neighbours", daemon=True)

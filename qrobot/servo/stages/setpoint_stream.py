@@ -178,7 +178,7 @@ def _judge_substitute(params: ServoParameters, state: ServoState) -> tuple[int, 
 
 @lean_kernel
 def _fill_in(params: ServoParameters, state: ServoState) -> None:
-    """Give each joint of the frame looked at a path to its setpoint; the others stay at their newest knots."""
+    """Give joints that come back from torque a path, and those that the frame does not speak of their newest knot."""
     for j in range(state.q.size):
         if state.joint_modes[j] == TORQUE_SETPOINT and state.setpoint_modes[j] != TORQUE_SETPOINT:
             # back to a position: from where the joint is, at the speed it has
@@ -196,7 +196,7 @@ def _fill_in(params: ServoParameters, state: ServoState) -> None:
 
 
 @lean_kernel
-def _bends_back(params: ServoParameters, state: ServoState) -> bool:
+def _lead_setpoints_back(params: ServoParameters, state: ServoState) -> bool:
     """Lead the setpoints back to their places after a lost frame; whether they are on that way, or at its end."""
     was_led = state.led_back != 0
     led = lead_back(
@@ -213,7 +213,7 @@ def _judge_frame(params: ServoParameters, state: ServoState) -> tuple[int, int]:
     if state.frame.period_ns != state.frame_ns:
         return SP_INVALID, NO_JOINT
     _fill_in(params, state)
-    led, period_s = _bends_back(params, state), state.frame_ns * 1e-9
+    led, period_s = _lead_setpoints_back(params, state), state.frame_ns * 1e-9
     code, joint = check_setpoint(
         state.setpoint, state.setpoint_modes, state.knots, state.range_min, state.range_max,
         params.v_setpoint, params.a_setpoint, params.tau_setpoint, period_s, BEND_SLACK if led else 1.0,

@@ -62,6 +62,15 @@ def test_who_is_stopped_with_its_board_as_it_reads_the_arms_time_reads_none_that
     assert getattr(arm_time_ns, "py_func", arm_time_ns)(None, 1) == 5_000 * MS
 
 
+def test_slip_and_time_of_a_servo_that_need_not_wait_are_of_one_look(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Were the clock read again, a stall in between would be taken for time of the arm's."""
+    readings = iter([5_000 * MS, 5_300 * MS])
+    monkeypatch.setattr(arm_clock, "monotonic_ns", lambda: next(readings))
+    monkeypatch.setattr(arm_clock, "slipped_ns", lambda *_: 1_000 * MS)
+    look = getattr(await_board, "py_func", await_board)
+    assert look(None, 1, 4_000 * MS - STALL_NS) == (1_000 * MS, 4_000 * MS)
+
+
 @pytest.mark.realtime
 def test_a_servo_that_overslept_with_its_board_waits_until_the_board_says_for_how_long() -> None:
     memory = local_board_memory()

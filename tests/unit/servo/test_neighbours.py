@@ -19,7 +19,7 @@ from qrobot.cli.main import make_app
 from qrobot.config import load_deployment
 from qrobot.errors import ConfigError, LinkError
 from qrobot.faultcodes import FaultCode
-from qrobot.fences.gate import REACTION_S
+from qrobot.fences.gate import REACTION_S, way_of_stop
 from qrobot.modecodes import Mode
 from qrobot.realtime.structure import view_words
 from qrobot.rig.lockstep import LockstepRig
@@ -91,13 +91,17 @@ class Pair:
             (neighbour,) = rig.settings.neighbours
             words = rig.state.neighbour[0]
             hear = lambda k=k: self.heard[1 - k]()  # noqa: E731
-            self.looks.append(NeighbourLook(neighbour, rig.mailbox.snapshot, hear, words, 1.0 / rig.settings.rate_hz))
+            own = rig.mailbox.snapshot
+            self.looks.append(NeighbourLook(neighbour, own, hear, words, self.now_s, PERIOD_S))
         self.pair = self.rigs[0].settings.neighbours[0].pair
         self.seconds(0.1)
         for rig in self.rigs:
             rig.mailbox.request_power(True)
         self.seconds(0.4)
         self._stream = 0
+
+    def now_s(self) -> float:
+        return self.rigs[0].now_ns * 1e-9
 
     def seconds(self, seconds: float) -> float:
         """Let both go on; the least distance meanwhile."""
@@ -225,9 +229,11 @@ def test_of_three_neighbours_each_one_stops_the_arm(
     assert soonest_s <= (stop["t_ns"][0] - lost_ns) * 1e-9 <= latest_s
 
 
-def heard_of_last(neighbour: Neighbour, age_s: float) -> tuple[float, list[tuple[Floats, Floats]]]:
+def heard_of_last(
+    neighbour: Neighbour, age_s: float, own_s: float | None = None
+) -> tuple[float, list[tuple[Floats, Floats]]]:
     """Verdict on two arms that turn towards each other, of which the other one was last heard of then, and where they
-    were looked at."""
+    were looked at. The time of the own servo has gone on by `own_s`, as long if left out."""
     seen: list[tuple[Floats, Floats]] = []
 
     class Pair:
@@ -236,10 +242,12 @@ def heard_of_last(neighbour: Neighbour, age_s: float) -> tuple[float, list[tuple
             return 1.0
 
     own, other = (SimpleNamespace(q=PARK, v=TURNS, tick=7, t_ns=0, flags=FLAG_CALIBRATED) for _ in range(2))
-    look = NeighbourLook(replace(neighbour, pair=Pair()), lambda: own, lambda: other, np.zeros(N_NEIGHBOUR), PERIOD_S)  # type: ignore[arg-type, return-value]
+    now_s, told, watched = [0.0], np.zeros(N_NEIGHBOUR), replace(neighbour, pair=Pair())  # type: ignore[arg-type]
+    look = NeighbourLook(watched, lambda: own, lambda: other, told, lambda: now_s[0], PERIOD_S)  # type: ignore[arg-type, return-value]
     look.look()
     seen.clear()
-    own.t_ns = round(age_s * 1e9)
+    now_s[0] = age_s
+    own.t_ns = round((age_s if own_s is None else own_s) * 1e9)
     return look.look(), seen
 
 
@@ -259,9 +267,27 @@ def test_a_state_is_that_of_a_neighbour_for_a_tenth_of_a_second(file: str, age_s
     assert heard_of_last(neighbour, age_s)[0] == verdict
 
 
+@pytest.mark.parametrize(("age_s", "own_s"), [(0.3, 0.002), (0.002, 0.3)], ids=["of the world", "of the own servo"])
+def test_a_stall_is_no_silence_of_the_neighbour(file: str, age_s: float, own_s: float) -> None:
+    """One of the machine, with all emulated arms; and one of this servo alone, beside a neighbour that is slow."""
+    (neighbour,) = neighbours_of_arm(choose_arm(file, "left"), file)
+    _, now = heard_of_last(neighbour, 0.0)
+    verdict, late = heard_of_last(neighbour, age_s, own_s)
+    assert verdict == FREE
+    np.testing.assert_allclose(late[-1][1] - now[-1][1], 0.002 * TURNS, rtol=1e-9, atol=1e-15)
+
+
+def test_a_look_reckons_with_a_cycle_and_a_look_more_than_the_silence(file: str) -> None:
+    (neighbour,) = neighbours_of_arm(choose_arm(file, "left"), file)
+    _, now = heard_of_last(neighbour, 0.0)
+    late_s = LOOK_S + PERIOD_S + REACTION_S + neighbour.other_overshoot_s
+    way = way_of_stop(TURNS, neighbour.other_a_stop, late_s)
+    np.testing.assert_allclose(now[-1][1] - now[0][1], way, rtol=1e-9, atol=1e-15)
+
+
 def test_arms_within_the_margin_may_part_and_come_no_nearer(file: str) -> None:
     (neighbour,) = neighbours_of_arm(choose_arm(file, "left"), file)
-    look = NeighbourLook(neighbour, lambda: None, lambda: None, np.zeros(N_NEIGHBOUR), PERIOD_S)
+    look = NeighbourLook(neighbour, lambda: None, lambda: None, np.zeros(N_NEIGHBOUR), lambda: 0.0, PERIOD_S)
     assert look._judge(np.array([0.03, 0.031, 0.05])) == FREE
     assert look._judge(np.array([0.03, 0.031, 0.028])) == TOO_NEAR
     assert look._judge(np.array([0.05, 0.045, 0.039])) == TOO_NEAR
@@ -304,7 +330,8 @@ def test_the_servo_s_thread_goes_on_looking_after_states_of_its_own_loop_that_ca
         if len(read) <= 3:
             raise LinkError("the servo's state cannot be read")
 
-    with looking([other], cast(ServoMailbox, SimpleNamespace(snapshot=snapshot)), told, lambda _: None):
+    mailbox = SimpleNamespace(snapshot=snapshot, info=SimpleNamespace(period_ns=PERIOD_S * 1e9))
+    with looking([other], cast(ServoMailbox, mailbox), told, lambda _: None):
         wait_until(lambda: told[0, LOOKS] > 2, "it looks")
 
 
