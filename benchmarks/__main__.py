@@ -152,7 +152,7 @@ def stalls(deployment: Path, *, times: int = 100, seed: int = 0, json: Path | No
 
 @app.command
 def busy(deployment: Path, *, minutes: float = 10.0, json: Path | None = None) -> int:
-    """Swing an emulated arm beside one program a processor that computes all the time: nothing may come of it.
+    """Swing an emulated arm beside one program a processor that computes all the time: is it stopped?
 
     Parameters
     ----------

@@ -1,8 +1,9 @@
-"""An arm in motion beside programs that compute all the time: no fault, no stop, on any machine.
+"""An arm in motion beside programs that compute all the time.
 
     python -m benchmarks busy FILE --minutes 10
 
 An ordinary program that never waits runs on each processor, while a program swings the emulated arm between two poses.
+Nothing comes of it, unless the machine keeps the servo alone from running for longer than its guardian allows.
 """
 
 from __future__ import annotations
@@ -13,50 +14,36 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-import numpy as np
-
-from benchmarks.stalls import slipped_s, snapshot_of, swinging
+from benchmarks.stalls import Swings, slipped_s, snapshot_of, swinging
 from qrobot.config.deployment import load_deployment
-from qrobot.faultcodes import FaultCode
-from qrobot.modecodes import Mode
 from qrobot.rig.deployed import ArmProcesses
 from qrobot.rig.processes import ProcessRig
 from qrobot.servo.memory.published_state import ServoSnapshot
 
 LOOK_S: Final = 0.1
 START_S: Final = 5.0  # a program that has not taken the arm by then has failed
-IN_MOTION: Final = (Mode.TRACKING, Mode.HOLDING)
 
 
 @dataclass
-class Busy:
+class Busy(Swings):
     """What came of it so far.
 
     Attributes:
-        loops: programs that computed beside it. seconds: for how long.
-        events: what the servo said, and where the arm was left. missed: frames that were missing.
-        late_cycles: of the servo. slipped_s: what the arm's time stood still.
-        largest_error: reference minus position, rad or m.
+        loops: programs that computed beside it. seconds: for how long. late_cycles: of the servo.
     """
 
     loops: int = 0
     seconds: float = 0.0
-    events: list[str] = field(default_factory=list)
-    missed: int = 0
     late_cycles: int = 0
-    slipped_s: float = 0.0
-    largest_error: float = 0.0
 
     def look(self, now: ServoSnapshot, seconds: float) -> None:
         """Take a look after so many seconds; in the first ones the arm gets its power."""
-        self.seconds, self.missed, self.late_cycles = seconds, now.missed_frames, now.late_cycles
-        self.largest_error = max(self.largest_error, float(np.abs(now.q_setpoint - now.q).max()))
-        if seconds > START_S and (now.event or now.mode not in IN_MOTION):
-            self.events.append(f"{FaultCode(now.event).name} in {Mode(now.mode).name} after {seconds:.0f} s")
+        self.seconds, self.late_cycles = seconds, now.late_cycles
+        self.see(now, f"{seconds:.0f} s", has_power=seconds > START_S)
 
 
 @contextmanager

@@ -72,33 +72,46 @@ def slipped_s(arm: str) -> float:
 
 
 @dataclass
-class Stalls:
-    """What came of it.
+class Swings:
+    """What came of a swinging arm so far.
 
     Attributes:
-        times: stalls so far. stopped_s: how long in all. slipped_s: of that, what the arm's time stood still.
-        events: what the servo said, with the length of the stall before it. missed: frames that were missing.
-        largest_error: reference minus position, rad or m.
+        events: what the servo said, and when. missed: frames that were missing.
+        slipped_s: what the arm's time stood still. largest_error: reference minus position, rad or m.
+    """
+
+    events: list[str] = field(default_factory=list)
+    missed: int = 0
+    slipped_s: float = 0.0
+    largest_error: float = 0.0
+
+    def see(self, now: ServoSnapshot, when: str, has_power: bool = True) -> None:
+        """Take a look; an arm that is to have power has to be on its way, or between two of them."""
+        self.missed = now.missed_frames
+        self.largest_error = max(self.largest_error, float(np.abs(now.q_setpoint - now.q).max()))
+        if has_power and (now.event or now.mode not in (Mode.TRACKING, Mode.HOLDING)):
+            self.events.append(f"{FaultCode(now.event).name} in {Mode(now.mode).name} after {when}")
+
+
+@dataclass
+class Stalls(Swings):
+    """The same of an arm whose processes are stopped.
+
+    Attributes:
+        times: stalls so far. stopped_s: how long in all, of which `slipped_s` did not count.
         apart_s: by how much one process was stopped, or went on, later than another of its stall, at most: an arm whose
             servo alone goes on for a while has been disturbed by that.
     """
 
     times: int = 0
     stopped_s: float = 0.0
-    slipped_s: float = 0.0
-    events: list[str] = field(default_factory=list)
-    missed: int = 0
-    largest_error: float = 0.0
     apart_s: float = 0.0
 
     def look(self, now: ServoSnapshot, seconds: float, apart_s: float) -> None:
         """Take a look after a stall of so many seconds."""
         self.apart_s = max(self.apart_s, apart_s)
-        self.times, self.stopped_s, self.missed = self.times + 1, self.stopped_s + seconds, now.missed_frames
-        self.largest_error = max(self.largest_error, float(np.abs(now.q_setpoint - now.q).max()))
-        if now.event or now.mode not in (Mode.TRACKING, Mode.HOLDING):
-            name, mode = FaultCode(now.event).name, Mode(now.mode).name
-            self.events.append(f"{name} in {mode} after {1e3 * seconds:.0f} ms")
+        self.times, self.stopped_s = self.times + 1, self.stopped_s + seconds
+        self.see(now, f"{1e3 * seconds:.0f} ms")
 
 
 def swing(channel: Channel, done: threading.Event) -> None:

@@ -1,4 +1,7 @@
-"""The arm's time as another process of this machine reads it: in two steps, between which it may be stopped."""
+"""The arm's time as another process of this machine reads it, from what the servo tells of its slip.
+
+Kernels read it from the board (`hwif.arm_clock.arm_time_ns`), in the same steps.
+"""
 
 from __future__ import annotations
 

@@ -33,6 +33,7 @@ from qrobot.log.read import read_log
 from qrobot.modecodes import Mode
 from qrobot.rccl.channel import Channel
 from qrobot.rccl.connect import open_channel
+from qrobot.rccl_bridge.arm_time import read_arm_time_ns
 from qrobot.rci import TcpLink
 from qrobot.realtime.runtime_folder import runtime_path
 from qrobot.rig.deployed import ArmProcesses
@@ -278,10 +279,7 @@ class RunningArm:
 
     def now_ns(self) -> int:
         """The arm's time: CLOCK_MONOTONIC, less what did not count of it."""
-        slipped_ns = -1
-        while slipped_ns != (newest_ns := self.word("heartbeat", "slipped_ns")):
-            slipped_ns, now_ns = newest_ns, time.monotonic_ns()
-        return now_ns - slipped_ns
+        return read_arm_time_ns(lambda: self.word("heartbeat", "slipped_ns"))
 
     def word(self, block: str, name: str) -> int:
         """A field of the servo's memory."""
