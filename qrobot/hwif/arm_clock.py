@@ -59,8 +59,8 @@ def await_board(board: BoardMemory, slips: int, due_ns: int) -> tuple[int, int]:
     """(nanoseconds slipped, the arm's time), once an emulated board's process runs again after a stall.
 
     Returns at once unless the caller comes more than `STALL_NS` after `due_ns`, the arm's time at which it wanted to
-    run, and the board's newest sample is as old; after `PATIENCE_NS` at the latest. Time and slip belong together: who
-    read the clock again, and was stopped before that, would be ahead of an arm that has not told of it yet.
+    run, and the board's newest sample is as old; after looks for `PATIENCE_NS` at the latest. Time and slip belong
+    together: who read the clock again, and was stopped before that, would be ahead of an arm that has not told of it.
     """
     slipped = slipped_ns(board, slips)
     now_ns = monotonic_ns()
