@@ -22,4 +22,3 @@ NS_PER_US: Final = 1_000
 US_PER_MS: Final = 1_000
 MS_PER_S: Final = 1e3
 S_PER_MS: Final = 1e-3
-S_PER_NS: Final = 1e-9

@@ -79,17 +79,6 @@ def is_transform(T: Floats, tolerance: float = 1e-6) -> bool:
 
 
 @kernel
-def multiply_into(A: Floats, B: Floats, out: Floats) -> None:
-    """`out == A @ B` for rigid transforms; `out` is neither of them. Shapes (4, 4)."""
-    for i in range(3):
-        for j in range(4):
-            out[i, j] = A[i, 0] * B[0, j] + A[i, 1] * B[1, j] + A[i, 2] * B[2, j]
-        out[i, 3] += A[i, 3]
-        out[3, i] = 0.0
-    out[3, 3] = 1.0
-
-
-@kernel
 def inverse_into(T: Floats, out: Floats) -> None:
     """`T @ out == identity` for a rigid transform; `out` is not `T`. Shapes (4, 4)."""
     for i in range(3):

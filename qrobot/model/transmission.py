@@ -106,16 +106,6 @@ def joint_to_motor(q: Floats, p: TransmissionParams, r: Floats) -> None:
 
 
 @lean_kernel
-def motor_to_joint(r: Floats, p: TransmissionParams, q: Floats) -> None:
-    """Joint positions q = q_offset + C^-1 r. Shapes (n,)."""
-    for j in range(q.size):
-        position = p.q_offset[j]
-        for i in range(q.size):
-            position += p.joint_per_motor[j, i] * r[i]
-        q[j] = position
-
-
-@lean_kernel
 def signed_word(word: int) -> int:
     """A 16-bit register word as the signed number it stands for."""
     word = word & (WORD - 1)
@@ -212,10 +202,3 @@ def motor_to_pot(r: Floats, p: TransmissionParams, pot: Floats) -> None:
     """Potentiometers in ADC units of 20 V/65536 for motor displacements r: straight, without waviness. Shapes (n,)."""
     for i in range(r.size):
         pot[i] = p.pot_at_zero[i] + p.pot_per_count[i] * r[i] / p.rad_per_count[i]
-
-
-@lean_kernel
-def pot_to_motor(pot: Floats, p: TransmissionParams, r: Floats) -> None:
-    """Motor displacements that potentiometers show; the inverse of `motor_to_pot`, good to a fraction of a turn."""
-    for i in range(r.size):
-        r[i] = (pot[i] - p.pot_at_zero[i]) / p.pot_per_count[i] * p.rad_per_count[i]

@@ -6,7 +6,6 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from qrobot.config import Robot
 from qrobot.config.deployment import GUARDIAN_TIMEOUT_MS
 from qrobot.config.force_calibration import ForceCalibration
 from qrobot.errors import ConfigError
@@ -16,9 +15,7 @@ from qrobot.servo.analog_lines import AnalogWire
 from qrobot.servo.calibration.table import CalibrationTable
 from qrobot.servo.kernels.interpolation_polynomials import DEFAULT_FORM, find_form
 from qrobot.servo.kernels.velocity import DEFAULT_ESTIMATOR, find_estimator
-from qrobot.servo.laws.law import Law
 from qrobot.servo.laws.names import DEFAULT_LAW, check_law_name
-from qrobot.servo.laws.shipped import find_law
 from qrobot.servo.neighbour import Neighbour
 from qrobot.servo.output_lines import OutputWire
 from qrobot.servo.rates import HIGHEST_RATE_HZ, LOWEST_RATE_HZ
@@ -141,10 +138,6 @@ class ServoSettings:
             raise ConfigError(f"law {self.law} means nothing to drives in position mode: leave it out")
         find_estimator(self.velocity)
         find_form(self.interpolation)
-
-    def law_for(self, robot: Robot) -> Law:
-        """The control law, made for a robot. Raises ConfigError when it cannot be."""
-        return find_law(self.law, robot, self.law_settings)
 
     @property
     def analog_ranges(self) -> dict[int, tuple[float, float]]:

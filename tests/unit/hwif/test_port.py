@@ -63,6 +63,7 @@ from qrobot.realtime.flat_record import record_of
 from qrobot.rig.deployed import ArmProcesses
 from qrobot.rig.processes import ProcessPlan
 from qrobot.servo.kernels.converter import make_adc_state, start_sample
+from qrobot.servo.laws.shipped import find_law
 from qrobot.servo.memory.mailbox import ServoMailbox
 from qrobot.servo.memory.servo_memory import local_servo_memory, servo_front
 from qrobot.servo.memory.telemetry import SMALLEST_RING
@@ -257,7 +258,7 @@ def test_the_servo_owns_the_memory_of_its_card_and_shows_it_safe() -> None:
 
 def test_the_servos_loop_reads_the_card_before_a_cycle_and_writes_what_the_cycle_posted() -> None:
     slot, robot, settings = Slot(), load_robot("puma560"), ServoSettings(rate_hz=1000.0, pots=False)
-    law = settings.law_for(robot)
+    law = find_law(settings.law, robot)
     params = servo_parameters(robot, settings)
     box = ServoMailbox(local_servo_memory(robot.name, settings.law, robot.n, settings.period_ns, SMALLEST_RING))
     box.memory.command.shutdown = 1
