@@ -119,16 +119,17 @@ def turn_of(params: ServoParameters, joint: int) -> float:
 
 @lean_kernel
 def begin_joint(params: ServoParameters, state: ServoState, joint: int) -> None:
-    """Start on a joint, or again: the sweep has to end inside the range."""
+    """Start on a joint, or again from where it began: the sweep has to end inside the range."""
     cal = state.cal
+    highest = params.q_max[joint] - (cal.wanted + SPARE_TURNS) * turn_of(params, joint)
     if joint != cal.joint_now or cal.stage == IDLE:
         cal.attempts = 0
+        cal.begin = min(state.q_ref[joint], highest)
     cal.joint_now = joint
-    highest = params.q_max[joint] - (cal.wanted + SPARE_TURNS) * turn_of(params, joint)
     if highest < params.q_min[joint]:
         refuse(state, CAL_ROOM, joint)
-    elif state.q_ref[joint] > highest:
-        cal.target = highest
+    elif state.q_ref[joint] > cal.begin:
+        cal.target = cal.begin
         cal.stage = BACKING
     else:
         _begin_sweep(state, joint)

@@ -16,7 +16,7 @@ from qrobot.modecodes import Mode
 from qrobot.model.transmission import count_word
 from qrobot.rig.interrupts import interrupted_by_signals
 from qrobot.rig.table_maker import make_table
-from qrobot.servo.calibration.state import PLAUSIBLE, Stage
+from qrobot.servo.calibration.state import DEFAULT_INDEXES, PLAUSIBLE, Stage
 from qrobot.servo.calibration.table import CalibrationTable
 from qrobot.servo.memory.mailbox import ServoMailbox
 from qrobot.servo.memory.published_state import FLAG_CALIBRATED, FLAG_ESTOP_OK
@@ -408,6 +408,31 @@ def test_a_missing_index_pulse_is_tried_twice_and_then_told_within_a_few_turns()
     refused(rig.finish(), FaultCode.CAL_INDEX, 0)
     turn = 2.0 * np.pi / PUMA.transmission.gear[0]
     assert abs(rig.emulator.q[0] - start) < 4.0 * turn
+
+
+def test_a_joint_whose_last_index_pulse_is_missed_begins_again_where_it_began() -> None:
+    """People keep away by as much as one attempt takes."""
+    rig = CalibratingRig().calibrating()
+    encoders, turn = rig.emulator.bundle.board.encoders, 2.0 * np.pi / PUMA.transmission.gear[0]
+    progress, whole, way = rig.mailbox.memory.calibration, int(encoders.counts_per_rev[0]), [float(rig.emulator.q[0])]
+
+    def until(over: Callable[[], bool]) -> None:
+        for _ in range(4000):
+            if over():
+                return
+            rig.ticks(10)
+            way.append(float(rig.emulator.q[0]))
+        raise AssertionError(f"never: {rig.stage.name} of joint {progress.joint}, {rig.event}")
+
+    until(lambda: int(progress.found) == DEFAULT_INDEXES - 1)
+    encoders.counts_per_rev[0] = 1 << 40
+    until(lambda: rig.stage is Stage.BACKING)
+    encoders.counts_per_rev[0] = whole
+    until(lambda: rig.stage is Stage.SWEEPING)
+    assert way[-1] == pytest.approx(way[0], abs=0.1 * turn)
+    assert rig.finish().mode is Mode.HOLDING
+    assert rig.exact()
+    assert max(way) - way[0] < (DEFAULT_INDEXES + 2) * turn
 
 
 def test_an_index_pulse_where_none_can_be_is_told() -> None:
