@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import Any, Final
 
 from qrobot.errors import ConfigError, LinkError, error_text
-from qrobot.rccl.held_stick import StickAxis, StickCode, StickEvent, StickLayout
+from qrobot.rccl.held_stick import KEY, REL, StickAxis, StickCode, StickEvent, StickLayout
 
-EV_KEY, EV_REL, EV_ABS = 1, 2, 3  # of <linux/input-event-codes.h>, as the codes below
+EV_KEY, EV_REL, EV_ABS = KEY, REL, 3  # of <linux/input-event-codes.h>, as the codes below
 BTN_0, BTN_1, BTN_SOUTH, BTN_TL, BTN_TR = 0x100, 0x101, 0x130, 0x136, 0x137
 X, Y, Z, RX, RY, RZ = range(6)  # the same for both kinds of axes
 
@@ -71,28 +71,28 @@ def open_stick(path: Path) -> StickDevice:
 
 def layout_of(name: str, capabilities: dict[int, Any]) -> StickLayout:
     """Layout of a device with these capabilities. Raises ConfigError: it has not what is needed."""
-    buttons = set(capabilities.get(EV_KEY, ()))
-    ranges = {
-        (EV_ABS, code): (info.min, info.max) for code, info in capabilities.get(EV_ABS, ()) if info.max > info.min
-    }
-    ranges |= {(EV_REL, code): (-REL_STROKE, REL_STROKE) for code in capabilities.get(EV_REL, ())}
+    buttons, axes = set(capabilities.get(EV_KEY, ())), dict[StickCode, tuple[int, int, int | None]]()
+    for code, info in capabilities.get(EV_ABS, ()):
+        if info.max > info.min:
+            axes[EV_ABS, code] = info.min, info.max, info.value
+    axes |= {(EV_REL, code): (-REL_STROKE, REL_STROKE, None) for code in capabilities.get(EV_REL, ())}
     if {BTN_SOUTH, BTN_TL} <= buttons:
-        return _layout(name, GAMEPAD, ranges, BTN_TL, BTN_TR if BTN_TR in buttons else None)
-    if BTN_0 in buttons and all(any((kind, code) in ranges for kind in (EV_ABS, EV_REL)) for code in SPACE_MOUSE):
-        return _layout(name, SPACE_MOUSE, ranges, BTN_0, BTN_1 if BTN_1 in buttons else None)
+        return _layout(name, GAMEPAD, axes, BTN_TL, BTN_TR if BTN_TR in buttons else None)
+    if BTN_0 in buttons and all(any((kind, code) in axes for kind in (EV_ABS, EV_REL)) for code in SPACE_MOUSE):
+        return _layout(name, SPACE_MOUSE, axes, BTN_0, BTN_1 if BTN_1 in buttons else None)
     raise ConfigError(f"{name} is neither a gamepad with sticks and shoulder buttons nor a SpaceMouse")
 
 
 def _layout(
     name: str,
     wanted: dict[int, tuple[str, float]],
-    ranges: dict[StickCode, tuple[int, int]],
+    found: dict[StickCode, tuple[int, int, int | None]],
     button: int,
     turn: int | None,
 ) -> StickLayout:
     axes = {
-        (kind, code): StickAxis(wanted[code][0], *ends, wanted[code][1])
-        for (kind, code), ends in ranges.items()
+        (kind, code): StickAxis(wanted[code][0], low, high, wanted[code][1], value)
+        for (kind, code), (low, high, value) in found.items()
         if code in wanted
     }
     if not axes:

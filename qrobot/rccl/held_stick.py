@@ -18,9 +18,11 @@ from qrobot.rccl.channel import Channel
 from qrobot.rccl.held_motion import HeldMotion
 from qrobot.rccl.jog import measure, place
 
-KEY: Final = 1  # kind of an event: a button. Others are sticks
+SYN, KEY, REL = 0, 1, 2  # kinds of an event: of the stream itself, a button, a relative axis. Others are sticks
+DROPPED: Final = 3  # code of SYN: events were lost
 BEGINS: Final = 0.25  # [A] of the full stroke: less is rest
 ENDS: Final = 0.15  # [A] below which a stick that moves the arm has gone back
+REST_MS: Final = 100.0  # [A] of a relative axis, until it is at rest: Linux passes no 0 of it on
 SILENCE_MS: Final = 2000.0  # [A] of a device that is held, until it counts as lost: a hand is never quite still
 STEP: Final = 0.05  # of the speed: changes below are none
 
@@ -42,12 +44,14 @@ class StickAxis(NamedTuple):
         name: dx dy dz rx ry rz.
         low, high: its values at both ends.
         sign: 1 or -1, of the arm's motion for values that grow.
+        value: before the first event; None at rest.
     """
 
     name: str
     low: int
     high: int
     sign: float
+    value: int | None = None
 
 
 @dataclass(frozen=True)
@@ -82,25 +86,34 @@ class HeldStick:
         self.turned, self.speed = 0, 0.0
         self._layout = layout
         self._drawn = dict.fromkeys(layout.axes, 0.0)  # -1 to 1, with the sign of the arm's motion
+        self._told_ms = dict.fromkeys((code for code in layout.axes if code[0] == REL), 0.0)
         self._pressed = self._ready = False
         self._moving: StickCode | None = None
         self._heard_ms = 0.0
+        for (kind, code), axis in layout.axes.items():
+            if axis.value is not None:
+                self._take(StickEvent(kind, code, axis.value), 0.0)
 
     def hear(self, events: Iterable[StickEvent], now_ms: float) -> tuple[str, float] | None:
         """Take what has happened since the last call: the axis and the way, 1 or -1, that is held; None for none."""
         for event in events:
             self._heard_ms = now_ms
-            self._take(event)
+            self._take(event, now_ms)
+        for code, told_ms in self._told_ms.items():
+            if not now_ms - told_ms <= REST_MS:
+                self._drawn[code] = 0.0
         if not now_ms - self._heard_ms <= SILENCE_MS:
             self._ready = self._ready and self._moving is None  # a button alone may be held in silence
         return self._held()
 
     def lose(self) -> None:
-        """The device is gone: nothing is held any more."""
+        """The device is gone, or events of it are: nothing is held any more."""
         self._pressed = self._ready = False
 
-    def _take(self, event: StickEvent) -> None:
-        if event.kind == KEY and event.code == self._layout.button:
+    def _take(self, event: StickEvent, now_ms: float) -> None:
+        if (event.kind, event.code) == (SYN, DROPPED):
+            self.lose()  # the button may have been let go of
+        elif event.kind == KEY and event.code == self._layout.button:
             self._pressed = event.value != 0
             self._ready = self._pressed and max(map(abs, self._drawn.values())) < BEGINS
         elif event.kind == KEY and event.code == self._layout.turn:
@@ -108,6 +121,8 @@ class HeldStick:
         elif (axis := self._layout.axes.get((event.kind, event.code))) is not None:
             stroke = 2.0 * (event.value - axis.low) / (axis.high - axis.low) - 1.0
             self._drawn[event.kind, event.code] = axis.sign * min(max(stroke, -1.0), 1.0)
+            if event.kind == REL:
+                self._told_ms[event.kind, event.code] = now_ms
 
     def _held(self) -> tuple[str, float] | None:
         if not self._ready:

@@ -17,7 +17,7 @@ from qrobot.cli.stick_device import BTN_0, BTN_SOUTH, BTN_TL, EV_ABS, EV_KEY, EV
 from qrobot.errors import ConfigError, LinkError
 from qrobot.faultcodes import FaultCode
 from qrobot.rccl.held_motion import AXIS_MM_S, BRAKE_MS
-from qrobot.rccl.held_stick import SILENCE_MS, HeldStick, StickEvent, StickJog
+from qrobot.rccl.held_stick import DROPPED, REST_MS, SILENCE_MS, SYN, HeldStick, StickEvent, StickJog
 from qrobot.rig.lockstep import LockstepRig, link_factory
 from qrobot.servo.settings import ServoSettings
 from qrobot.sim_board.emulator import Emulator
@@ -29,7 +29,7 @@ FULL = 32767
 
 
 def gamepad(code: int) -> tuple[int, SimpleNamespace]:
-    return code, SimpleNamespace(min=-FULL - 1, max=FULL)
+    return code, SimpleNamespace(min=-FULL - 1, max=FULL, value=0)
 
 
 class FakeDevice:
@@ -88,6 +88,22 @@ def test_a_device_that_falls_silent_while_it_moves_the_arm_is_let_go_of_until_th
     assert heard((0, [PUSHED]), (9e3, []), (9.01e3, [AWAY])) == [None, None, ("dx", 1.0)]  # a button alone may rest
 
 
+def test_after_events_were_lost_the_button_has_to_be_pressed_anew() -> None:
+    lost = StickEvent(SYN, DROPPED, 0)
+    assert heard((0, [PUSHED]), (10, [AWAY]), (20, [lost]), (30, [AWAY]), (40, [BACK, PUSHED]), (50, [AWAY])) == [
+        None, ("dx", 1.0), None, None, None, ("dx", 1.0),
+    ]  # fmt: skip
+
+
+def test_a_stick_that_is_drawn_when_the_device_is_opened_is_not_at_rest() -> None:
+    device = FakeDevice()
+    device.capabilities(True)[EV_ABS][0] = X, SimpleNamespace(min=-FULL - 1, max=FULL, value=-FULL)
+    stick = HeldStick(StickDevice(device).layout)
+    for events in ([PUSHED], [AWAY], [StickEvent(EV_ABS, X, 0), BACK]):
+        assert stick.hear(events, 10.0) is None
+    assert stick.hear([LET_GO, PUSHED, AWAY], 20.0) == ("dx", 1.0)
+
+
 def test_speed_grows_with_the_stroke() -> None:
     stick = HeldStick(StickDevice(FakeDevice()).layout)
     stick.hear([PUSHED], 0.0)
@@ -105,6 +121,11 @@ def test_a_space_mouse_is_known_and_other_devices_are_refused() -> None:
     )
     stick = HeldStick(StickDevice(mouse).layout)
     assert stick.hear([StickEvent(EV_KEY, BTN_0, 1), StickEvent(EV_REL, 2, 300)], 0.0) == ("dz", -1.0)
+    assert stick.hear([], REST_MS) == ("dz", -1.0)
+    assert stick.hear([], REST_MS + 1) is None  # Linux tells of no relative axis that it is back at rest
+    assert stick.hear([StickEvent(EV_REL, 2, 200)], 300.0) == ("dz", -1.0)
+    assert stick.hear([StickEvent(EV_REL, Y, -200)], 380.0) == ("dz", -1.0)  # one at a time
+    assert stick.hear([StickEvent(EV_REL, Y, -200)], 460.0) == ("dx", 1.0)  # though something is pushed all the time
     with pytest.raises(ConfigError, match="keyboard is neither a gamepad"):
         StickDevice(FakeDevice("keyboard", buttons=(30, 31)))
 
