@@ -102,7 +102,9 @@ class OpenMotions:
         self._open[request] = replace(order, updates=())
 
     def _end(self, request: MoveRequest, code: int, why: str) -> None:
-        position = self._arrived = self._open.pop(request).position
+        position = self._open.pop(request).position
+        if request in self._begun:  # else it has led the arm nowhere
+            self._arrived = position
         self._begun.discard(request)
         if code in _FAILURES:
             self.failures.append(f"{position.name}: {reason_of(code)}{f' ({why})' if why else ''}")

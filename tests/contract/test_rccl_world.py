@@ -241,6 +241,28 @@ def test_a_goal_that_turns_a_joint_to_its_limit_is_lost_and_the_position_names_t
     rccl.release()
 
 
+def test_a_position_that_was_dropped_does_not_hear_what_became_of_the_one_that_the_arm_stayed_with(robot) -> None:
+    turned = [0.0]
+
+    def turn(t: rccl.Transform) -> None:
+        turned[0] += 1.0
+        rccl.rot(t, rccl.zunit, turned[0])
+
+    here = newtrans("HERE", "const")
+    here.set(arm().forward(PARK))
+    p = rccl.makeposition("P", rccl.t6, rccl.EQ, newtrans("TURN", turn), here, rccl.TL, rccl.t6)
+    q = on_table("Q")
+    rccl.move(p)
+    rccl.waitas(lambda: p.code == DONE)
+    rccl.move(q)
+    rccl.nextmove(7)
+    rccl.waitas(lambda: p.code < DONE or q.code < DONE)
+    assert (p.code, q.code) == (Termination.JOINT_LIMIT, 7)
+    assert "would leave its range" in p.why
+    assert not q.why
+    rccl.release()
+
+
 def test_a_frame_that_carries_the_arm_out_of_reach_ends_in_a_stop_with_its_code(robot) -> None:
     def flee(t: rccl.Transform) -> None:
         t.p.x -= 4.0  # away from the base

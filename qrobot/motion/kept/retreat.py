@@ -8,6 +8,7 @@ fades out on the way.
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from collections.abc import Callable
 from typing import Final
@@ -24,6 +25,10 @@ from qrobot.motion.world.limits import MotionLimits
 
 MOST_SETPOINTS: Final = 1000  # that are remembered, of an arm that moves
 MOVED: Final = 1e-6  # rad or m: less is rest
+RECENT_S: Final = 0.5  # [A] by which the arm, stopped by the servo, may be behind the newest setpoint
+BEHIND: Final = 8  # [A] samples, of play-out, look-ahead and the answer's way, besides
+MOST_TURN: Final = math.radians(45.0)  # [A] of any joint, as on a way back to a path that was kept
+NEAR: Final = 0.01  # [A] rad or m: by so much the way may differ from what was travelled
 SHARE: Final = 0.1  # [A] of the joints' greatest speeds
 FLANGE_M_S: Final = 0.1  # [A]
 SHORTEST_S: Final = 0.4  # [A]
@@ -51,16 +56,23 @@ class TravelledPath:
         """Begin anew: what follows comes from elsewhere."""
         self._q.clear()
 
-    def way_back(self, q: Floats, length_m: float, forward: ToolPose) -> Floats:
+    def way_back(self, q: Floats, length_m: float, forward: ToolPose, recent: int) -> Floats:
         """Places from `q` (n,) back over them, until the flange has gone `length_m`, or where it begins.
 
-        Shape (k, n), the first of them `q`; alone when there are none.
+        The arm is near one of the `recent` newest: it may have been here before, on a way that led where it now met
+        something.
+
+        Returns:
+            Shape (k, n), the first of them `q`; alone when there are none. No joint turns by more than `MOST_TURN`.
         """
         if not self._q:
             return q[None].copy()
         travelled = np.array(self._q)
-        nearest = int(np.abs(travelled - q).max(axis=1).argmin())
-        back = travelled[nearest::-1]
+        newest_first = travelled[::-1]
+        nearest = int(np.linalg.norm(newest_first[:recent] - q, axis=1).argmin())
+        back = newest_first[nearest:]
+        turned = np.abs(np.diff(back, axis=0)).cumsum(axis=0).max(axis=1, initial=0.0)
+        back = back[: 1 + int(np.searchsorted(turned, MOST_TURN, side="right"))]
         places = np.array([forward(each)[:3, 3] for each in back])
         gone = np.concatenate([[0.0], np.linalg.norm(np.diff(places, axis=0), axis=1).cumsum()])
         count = max(1, int(np.searchsorted(gone, length_m, side="right")))
@@ -78,13 +90,19 @@ def _moved(before: list[float], after: list[float]) -> bool:
 
 
 def slow_setpoints(way: Floats, limits: MotionLimits, period_s: float, forward: ToolPose) -> Floats:
-    """Setpoints along a way (k, n), from rest to rest, within shares of speed and acceleration. Shape (samples, n)."""
+    """Setpoints along a way (k, n), from rest to rest, within shares of speed and acceleration. Shape (samples, n).
+
+    A way that is too winding for a smooth one near it is gone as far as it is not.
+    """
     steps = (np.abs(np.diff(way, axis=0)) / limits.v_max).max(axis=1)
     moved = np.concatenate([[True], steps > 0.0])
     at, way = np.concatenate([[0.0], steps.cumsum()])[moved], way[moved]
     if len(way) < 2:
         return np.repeat(way[:1], LAST, axis=0)
     fitted = _fitted(at / at[-1], way)
+    while len(way) > 2 and np.abs(fitted(at / at[-1]) - way).max() > NEAR:
+        at, way = at[: len(way) // 2 + 1], way[: len(way) // 2 + 1]
+        fitted = _fitted(at / at[-1], way)
     places = np.array([forward(q)[:3, 3] for q in fitted(np.linspace(0.0, 1.0, PIECES + 1))])
     flange_m = float(np.linalg.norm(np.diff(places, axis=0), axis=1).sum())
     seconds = max(SHORTEST_S, PEAK * float(at[-1]) / SHARE, PEAK * flange_m / FLANGE_M_S)
@@ -157,7 +175,8 @@ class Retreat:
 
     def begin(self, q: Floats, limits: MotionLimits, period_s: float, forward: ToolPose) -> None:
         """The arm is held at `q` (n,)."""
-        way = q[None] if self._halted else self._travelled.way_back(q, self._length_m, forward)
+        recent = BEHIND + int(RECENT_S / period_s)
+        way = q[None] if self._halted else self._travelled.way_back(q, self._length_m, forward, recent)
         self._player = SetpointPlayer(slow_setpoints(way, limits, period_s, forward), period_s, limits)
 
     def step(self, paused: bool) -> Floats:

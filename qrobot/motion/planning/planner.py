@@ -226,17 +226,19 @@ class Planner:
         return measured(geometry.coordinates, points, geometry.via, self._settings.period_s)
 
     def _fits(self, segment: Segment, state: Floats, clock: float, near: Floats) -> bool:
-        """True when the joints keep their limits in the transitions; not to be known when the goal moves."""
+        """True when the joints, now at `near` (n,), keep their limits in the transitions; not to be known when the goal
+        moves."""
         if not segment.coordinates.fixed:
             return True
         entering = piece_joining_line(
             state, segment.via, segment.begin, segment.velocity, clock, 2.0 * segment.schedule.transition,
             self._settings.period_s,
         )  # fmt: skip
-        if segment.coordinates is JOINTS:  # whose end is planned within the limits
+        if segment.coordinates is JOINTS:  # whose end is planned within the limits, and is inside the range
             probes = entering.start + entering.length * _EARLY
             states = np.array([entering.state(probe, self._settings) for probe in probes])
-            return all_can_stop(states[:, 1], states[:, 2], self._limits)
+            inside = self._limits.contain(states[:, 0], near)
+            return inside and all_can_stop(states[:, 1], states[:, 2], self._limits)
         pieces = ((entering, near), (to_rest(segment, self._settings), segment.end_joints))
         try:
             return all(self._keeps_limits(segment, piece, beside) for piece, beside in pieces)

@@ -101,6 +101,7 @@ class Sequencer:
 
     def stop(self, seconds: float) -> None:
         """See `Generator.stop`."""
+        self._skipped = None  # of what is stopped; motions to come are not skipped
         self._drop_waiting()
         self._stay_no_longer(Termination.STOPPED)
         stands = self._path.segment is None and self._path.coordinates.fixed

@@ -93,8 +93,12 @@ class MotionLimits:
         `start` as in `check_position`.
         """
         q, v, a = state
+        return self.contain(q, start) and self.allow_rates(v, a)
+
+    def contain(self, q: Floats, start: Floats | None = None) -> bool:
+        """True when positions (..., n) are inside the range, rounding apart; `start` as in `check_position`."""
         q_min, q_max = self._range_from(start)
-        return bool(((q_min - _ROUNDING <= q) & (q <= q_max + _ROUNDING)).all()) and self.allow_rates(v, a)
+        return bool(((q_min - _ROUNDING <= q) & (q <= q_max + _ROUNDING)).all())
 
     def allow_rates(self, v: Floats, a: Floats) -> bool:
         """True when velocity and acceleration, shapes (n,), are within the limits, rounding apart, wherever that is."""

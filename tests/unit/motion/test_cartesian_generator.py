@@ -230,6 +230,25 @@ def test_a_goal_that_turns_a_joint_to_its_limit_is_left_before_it() -> None:
     assert_stopped_within_limits(outputs)
 
 
+@pytest.mark.parametrize("transition_s", [0.2, 0.5, 0.8])
+@pytest.mark.parametrize("room", [0.03, 0.06, 0.12, 0.25, 0.5])
+def test_a_goal_that_turns_a_joint_towards_its_limit_is_left_inside_the_range(room: float, transition_s: float) -> None:
+    """For joint positions: what the joints turn with already fades out, and has to have the room for that."""
+    belt, gen, asked = Conveyor(lambda t: (0.0, 0.0, 0.0, -1.0 * t)), puma_generator(), False
+    gen.push(to(at_park(belt.trsf), MotionMode.JOINT))
+    outputs = []
+    for tick in range(1, 500):
+        belt.tick = tick
+        outputs.append(gen.update(tick))
+        q = outputs[-1].q
+        if not asked and np.minimum(q - LIMITS.q_min, LIMITS.q_max - q).min() < room:
+            gen.push(MoveRequest("home", PARK, SpeedShare(0.3), transition_s=transition_s))
+            asked = True
+    assert asked
+    assert_stopped_within_limits(outputs)
+    assert outputs[-1].q == pytest.approx(PARK) or lost(outputs)
+
+
 @pytest.mark.parametrize("seconds", [0.5, 60.0])
 @pytest.mark.parametrize("way", [-1.0, 1.0])
 def test_a_line_on_which_a_joint_comes_to_the_end_of_its_range_is_refused_whatever_its_time(way, seconds) -> None:

@@ -263,12 +263,14 @@ def test_a_pace_that_is_no_pace_is_refused(make, value) -> None:
         make(value)
 
 
-def test_a_stop_takes_the_place_of_a_skip_and_what_is_asked_next_begins_from_rest() -> None:
+@pytest.mark.parametrize("when", [1, 20])
+def test_a_stop_takes_the_place_of_a_skip_and_what_is_asked_next_begins_from_rest(when: int) -> None:
+    """At rest as well, where the motion that was to be skipped has not begun."""
     gen = generator()
     gen.push(move("a", 1.0, 0.0))
 
     def skip_stop_and_ask(tick: int) -> None:
-        if tick == 20:
+        if tick == when:
             gen.skip(42)
             gen.stop()
             gen.push(move("b", 0.0, 0.5))

@@ -11,11 +11,13 @@ import pytest
 from qrobot import rccl
 from qrobot.errors import LinkLost, MotionError, ServoFault
 from qrobot.faultcodes import FaultCode
+from qrobot.motion import motion_limits
+from qrobot.motion.kept.retreat import MOST_TURN, NEAR, slow_setpoints
 from qrobot.rci import VirtualLink
 from qrobot.wire import Mode
 from tests.support.fake_robot import INTERVENTIONS, FakeRobot
 from tests.support.kept_path import check_way_back
-from tests.support.puma import PARK
+from tests.support.puma import PARK, ROBOT
 from tests.support.puma import arm as puma
 
 VIA, END = (np.degrees(PARK) + np.array(turn) for turn in ([40.0, -10, 5, 0, 0, 0], [20.0, 15, -10, 20, 0, 0]))
@@ -86,6 +88,61 @@ def test_the_arm_goes_back_over_no_ground_that_it_travelled_before_going_back_wa
     assert np.abs(back - PARK - shares[:, None] * way).max() < 1e-3
     assert shares.max() < 1.001
     assert np.degrees(back[-1]) == pytest.approx(END, abs=0.1)
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_an_arm_that_has_been_there_before_goes_back_by_the_way_it_came_last(fake: FakeRobot, seed: int) -> None:
+    """Out and back over one line, and on the way back it meets something; it may have been thrown about by that."""
+    random = Random(seed)
+    there = np.degrees(PARK) + np.array([40.0, 0, 0, 0, 0, 0])
+    thrown = np.array([random.uniform(-0.002, 0.002), *(random.uniform(-0.03, 0.03) for _ in PARK[1:])])
+    with rccl.control("puma560") as arm:
+        arm.retract(1e3 * LENGTH_M)
+        for _ in range(2):
+            arm.move(arm.jposition("THERE", there.tolist()))
+            arm.move(arm.jposition("PARK", np.degrees(PARK).tolist()))
+        half = PARK[0] + np.radians(random.uniform(10.0, 22.0))
+        arm.waitas(lambda: np.degrees(fake.q[0] - PARK[0]) > 28.0)
+        arm.waitas(lambda: fake.q[0] < half)
+        fake.halt(FaultCode.COLLISION)
+        met = fake.q[0]
+        fake.q = tuple(np.array(fake.q) + thrown)
+        before = len(fake.path)
+        assert told(arm).code == FaultCode.COLLISION
+    back = np.array(fake.path)[before:]
+    check_way_back(back)
+    assert back[:, 0].min() > met - 0.005  # what it met is on the other side
+    assert back[-1, 0] > met + 0.04
+
+
+def test_a_way_back_of_the_wrist_alone_has_its_bound_too_and_stays_near_what_was_travelled(fake: FakeRobot) -> None:
+    """The flange's origin does not move when the last joint turns, and ten strokes are too many for a smooth way."""
+    with rccl.control("puma560") as arm:
+        arm.retract(20.0)
+        for _ in range(5):
+            for turn in (30.0, 0.0):
+                arm.move(arm.jposition("TURNED", (np.degrees(PARK) + np.array([0, 0, 0, 0, 0, turn])).tolist()))
+        began = arm.time
+        arm.waitas(lambda: arm.time > began + 2000 and abs(fake.q[5] - PARK[5]) > 0.2)
+        fake.halt(FaultCode.COLLISION)
+        before = len(fake.path)
+        assert told(arm).code == FaultCode.COLLISION
+    back = np.array(fake.path)[before:]
+    check_way_back(back)
+    assert np.abs(np.diff(back[:, 5])).sum() < MOST_TURN + 0.05
+    assert np.ptp(back[:, :5], axis=0).max() < 1e-9
+    assert (back[:, 5] - PARK[5]).min() > -NEAR
+    assert (back[:, 5] - PARK[5]).max() < np.radians(30.0) + NEAR
+
+
+def test_a_way_that_is_too_winding_is_gone_as_far_as_a_smooth_one_stays_near_it() -> None:
+    arm, limits = puma(), motion_limits(ROBOT)
+    strokes = np.linspace(0.0, 20.0 * np.pi, 800)
+    way = PARK + np.outer(np.sin(strokes), [0.03, 0.0, 0.0, 0.0, 0.0, 0.0])
+    gone = slow_setpoints(way, limits, 0.028, arm.forward)
+    off = np.abs(gone[:, None] - way[None]).max(axis=2).min(axis=1)
+    assert off.max() < NEAR
+    assert np.abs(np.diff(gone[:, 0])).sum() > 0.02  # and it is gone
 
 
 @pytest.mark.parametrize("why", ["another fault", "no way behind it", "not wanted"])
