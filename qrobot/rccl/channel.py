@@ -240,9 +240,9 @@ class Channel(HandAndOutputs, MotionParameters):
         """Torques that the joints exert on the world at the newest sample, with their uncertainty; N m (N).
 
         The commanded torque less gravity, inertia and friction. Raises LinkError before the first sample, MotionError
-        for an arm whose torques nobody knows.
+        for an arm whose torques nobody knows, or that carries a load which this program has not told.
         """
-        self._require_torques("exerted")
+        self._require_forces("exerted")
         if self._task.force.exerted is None:
             raise LinkError("nothing was heard of the robot yet")
         return self._task.force.exerted

@@ -23,6 +23,7 @@ class HandAndOutputs:
     robot: Robot
     _task: TrajectoryTask
     _session: ArmSession
+    _told_kg: float = 0.0  # by `setload`
 
     def OPEN(self) -> None:  # noqa: N802 (RCCL's name)
         """Open the hand, now."""
@@ -82,6 +83,7 @@ class HandAndOutputs:
         self._session.settings.tell(load)
         with self._session.task():
             self._task.carry(load)
+        self._told_kg = load.mass
 
     def collision(self, reaction: str = "stop", thresholds: Sequence[float] | None = None, mm: float = 20.0) -> None:
         """Choose what follows a collision, and have collisions told sooner than the robot file does.
@@ -130,6 +132,16 @@ class HandAndOutputs:
         """See `MotionParameters`: the newest sample tells."""
         if self._task.how is not None:
             require_torques(call, self._task.how.torques_known)
+
+    def _require_forces(self, call: str) -> None:
+        """See `MotionParameters`. Of a load that others have told a program hears the mass, and no centre."""
+        self._require_torques(call)
+        how = self._task.how
+        if how is not None and how.payload_mass != self._told_kg:
+            raise MotionError(
+                f"{call}: the arm carries {how.payload_mass:g} kg, and this program has told {self._told_kg:g}: "
+                "the rest would count as force. Tell what the hand holds by `setload`"
+            )
 
     def _set_hand(self, hand: Hand) -> None:
         with self._session.task():

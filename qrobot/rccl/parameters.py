@@ -239,15 +239,18 @@ class MotionParameters:
 
         Raises:
             MotionError: an unknown direction, or not one positive value for each; or a force, and nobody knows the
-                arm's torques.
+                arm's torques, or the arm carries a load that this program has not told.
         """
         limits = force_limits(spec, values)
         if np.isfinite(limits.force).any():
-            self._require_torques("limit")
+            self._require_forces("limit")
         self._set_next(limit=limits)
 
     def _require_torques(self, call: str) -> None:
         """Raise MotionError for a call that acts by the torques of an arm that tells none."""
+
+    def _require_forces(self, call: str) -> None:
+        """Raise MotionError for a call that acts by what the arm exerts, and that cannot be known."""
 
     def _update_next(self, trsf: Trsf, position: Position) -> None:
         """Have the next motion update `trsf`. Raises MotionError: it is to do that already."""

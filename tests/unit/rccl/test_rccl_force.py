@@ -291,3 +291,16 @@ def test_a_limit_holds_for_one_motion_alone(robot) -> None:
     rccl.waitfor(rccl.completed)
     assert P.code == rccl.Termination.COMPLETED
     assert rccl.program.arm()._next.limit is None
+
+
+def test_what_the_arm_exerts_is_known_once_the_program_has_told_the_load_that_others_have_told_before() -> None:
+    fake = FakeRobot(tuple(PARK))
+    fake.payload_mass = 2.0
+    with rccl.use(lambda hello: VirtualLink(hello, fake.transfer)), rccl.control("puma560") as arm:
+        for asks in (lambda: arm.limit("fz", 15.0), lambda: arm.exerted):
+            with pytest.raises(MotionError, match=r"carries 2 kg, and this program has told 0: .* by `setload`"):
+                asks()
+        arm.limit("dx", 5.0)  # a way needs no forces
+        arm.setload(2.0, (0.0, 0.0, 50.0))
+        arm.limit("fz", 15.0)
+        assert arm.exerted.torque.shape == PARK.shape
