@@ -40,6 +40,7 @@ class Monitor:
         self._runners: dict[int, TaskRunner] = {}  # by bit
         self._triggers: dict[int, Callable[[TaskDescriptor], object]] = {}
         self._scheduler = TaskScheduler()  # the key of a trigger is the bit made negative
+        self._looked_ns = 0  # for silent robots
 
     # ------------------------------------------------------------------------------------------- orders of the parent
 
@@ -215,9 +216,16 @@ class Monitor:
             if (runner := devices.get(descriptor)) is not None:
                 runner.end(ConfigError(f"task {runner.td.name}: its device was closed: release the task before"))
 
-    def end_silent(self, now_ns: int, patience_ns: int) -> None:
-        """End the tasks whose robots have not been heard for so long."""
+    def end_silent(self, now_ns: int, patience_ns: int, look_ns: int) -> None:
+        """End the tasks whose robots have not been heard for so long, while somebody listened.
+
+        `look_ns` after the last call this one is due at the latest. What it comes later by does not count: the process
+        was kept from running, or this thread by its interpreter, and what a robot said waits to be read.
+        """
+        held_up_ns = max(0, now_ns - self._looked_ns - look_ns)
+        self._looked_ns = now_ns
         for runner in self.attached:
+            runner.heard_ns = max(runner.heard_ns, min(runner.heard_ns + held_up_ns, now_ns))
             if now_ns - runner.heard_ns > patience_ns:
                 runner.end(LinkTimeout(f"task {runner.td.name}: the bridge of its robot has fallen silent"))
 

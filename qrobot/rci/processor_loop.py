@@ -88,7 +88,7 @@ class ProcessorLoop:
         monitor.pass_ticks(self._clock.tick_at(now_ns))
         monitor.ask_functions()
         monitor.run_ready()
-        monitor.end_silent(now_ns, round(ANSWER_TIMEOUT_S * NS_PER_S))
+        monitor.end_silent(now_ns, round(ANSWER_TIMEOUT_S * NS_PER_S), round(LOOK_S * NS_PER_S))
         self._happened()
 
     def close(self) -> None:
