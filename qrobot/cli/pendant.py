@@ -40,11 +40,12 @@ def pendant(
     """Serve a page that shows the arms of a deployment live, and drives them: jog, power, places, curves, programs.
 
     It prints the address to open. Start the arms with `qrobot up`, before or after: the pendant finds them when they
-    come, and again when they come back. STOP, the key Esc and the space bar stop every arm; this is no safety
-    function: keep the emergency stop at hand.
+    come, and again when they come back. STOP and the key Esc stop every arm, and so does the space bar, but in a field
+    with text in it. This is no safety function: keep the emergency stop at hand.
 
-    One page drives at a time, everybody who was given the address may look. The server listens on this machine alone,
-    and nothing is encrypted; from elsewhere come through a tunnel (ssh -L 8560:127.0.0.1:8560).
+    One page drives an arm at a time, and two pages may drive two arms. Everybody who was given the address may look.
+    The server listens on this machine alone, and nothing is encrypted; from elsewhere come through a tunnel (ssh -L
+    8560:127.0.0.1:8560).
 
     Parameters
     ----------
@@ -55,7 +56,7 @@ def pendant(
     port
         Where to listen; 0 takes a free one.
     taught
-        File of places by name, as `qrobot teach` has it.
+        File of places by name, as `qrobot teach` has it. Of several arms each has its own, `taught-ARM.db`.
     programs
         Folder of programs (.py, .c, .v2) that pages list and start, beside what the arm was led through; no others.
     log
@@ -78,8 +79,9 @@ def pendant(
         return ProgramRunner(arm.name, folder, str(deployment_path(deployment).resolve()), floor.changed)
 
     arms = () if log is not None else _arms(deployment, arm)
+    several = log is None and len(_arms(deployment, None)) > 1
     for each in arms:
-        _add_station(floor, each, taught, runner_of(each))
+        _add_station(floor, each, _places_of(each, taught) if several else taught, runner_of(each))
     shelf = _shelf_of_arms(arms) if log is None else _shelf_of(log)
     listener = open_port(port)
     address = address_of(listener, token)
@@ -123,6 +125,11 @@ def _shelf_of(log: Path) -> LogShelf:
 
 def _arms(deployment: str, arm: str | None) -> tuple[DeployedArm, ...]:
     return load_deployment(deployment).arm if arm is None else (choose_arm(deployment, arm),)
+
+
+def _places_of(arm: DeployedArm, taught: Path) -> Path:
+    """The file of places of one of several arms: its numbers are in the base of that arm."""
+    return taught.with_name(f"{taught.stem}-{arm.name}{taught.suffix}")
 
 
 def _add_station(floor: DriveFloor, arm: DeployedArm, taught: Path, programs: ProgramRunner) -> None:

@@ -26,6 +26,7 @@ Send: TypeAlias = Callable[[MutableMapping[str, Any]], Awaitable[None]]
 AsgiApp: TypeAlias = Callable[[Scope, Receive, Send], Awaitable[None]]
 
 OWN_NAMES: Final = ("127.0.0.1", "localhost", "[::1]")  # any port: a tunnel may end at another one
+OWN_SITES: Final = ("same-origin", "none")  # of Sec-Fetch-Site; a server at another port is "same-site"
 TOKEN_PARAMETER: Final = "token"
 POLICY_VIOLATION: Final = 1008  # RFC 6455, section 7.4.1
 # Everything comes from this server: pages cannot ask for anything elsewhere, and nobody can frame them.
@@ -104,14 +105,19 @@ class Gate:
         return None
 
     def _objection(self, scope: Scope) -> str | None:
-        """Complaint about Host or Origin, None when they are right."""
+        """Complaint about Host, Origin or Sec-Fetch-Site, None when they are right.
+
+        A request for a picture has no Origin; that another page asks for it browsers tell by Sec-Fetch-Site.
+        """
         hosts, origins = _headers(scope, b"host"), _headers(scope, b"origin")
         if len(hosts) != 1 or not self._is_own(hosts[0]):
             return "this server is not called by that name"
         if scope["type"] == "websocket" and not origins:
             return "no Origin: only pages of this server are served here"
         own = {f"{scheme}://{hosts[0]}".lower() for scheme in ("http", "https")}
-        if len(origins) > 1 or any(origin.lower() not in own for origin in origins):
+        sites = () if self._shows_token(scope) else _headers(scope, b"sec-fetch-site")
+        foreign = any(origin.lower() not in own for origin in origins) or any(site not in OWN_SITES for site in sites)
+        if len(origins) > 1 or foreign:
             return "the request comes from a page of another server"
         return None
 

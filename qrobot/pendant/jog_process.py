@@ -9,6 +9,7 @@ brings the arm to rest and ends.
     {"session": "no" | "opening" | "ready", "text": "for people", "guide": false, "led": [2.5, 4.0], "writes": false}
 
 A stop, or a power-off, for which others ask the servo, takes back an "on" that is not done yet, and ends a session.
+While the process still compiles an "on" waits, and is told as "opening"; one that has waited for long is not obeyed.
 An arm that is jogged goes "back" so many mm from what it met, 0 for not at all. With "guide" it is led by hand; "led"
 are the lengths of what was recorded, in s. While it "writes" a recording, which loads this interpreter, the arm is not
 taken.
@@ -40,6 +41,8 @@ from qrobot.rccl.setpoints import Setpoints
 from qrobot.rci import LinkFactory, TcpLink
 
 PRESSED: Final = "{} was pressed: the pendant does not command the arm; take it to go on"
+LATE_S: Final = 3.0  # [A] from "on" until the arm is taken: who has waited for longer does something else
+LATE: Final = "the arm is not taken: what moves it was not ready for {:.0f} s; take it now"
 WRITES: Final = "the arm is not taken: a recording of it is being written; take it when that is done"
 
 
@@ -65,7 +68,7 @@ class JogProcess:
         self._clock = clock
         self._robot, self._link, self._taught, self._answers = robot, link, taught, answers
         self._session: JogSession | GuideSession | None = None
-        self._guide, self._back_mm = False, 0.0
+        self._guide, self._back_mm, self._asked_s = False, 0.0, 0.0
         self._led: list[Setpoints] = []
         self._writer = RecordingWriter(robot, partial(self._say, "no"))
         self._wanted = threading.Event()
@@ -86,7 +89,8 @@ class JogProcess:
 
     def run(self) -> None:
         """Serve until the end of the input."""
-        self._say("no")
+        if not self._wanted.is_set():
+            self._say("no")
         while not self._over:
             self._wanted.wait()
             with self._lock:
@@ -100,6 +104,9 @@ class JogProcess:
         if self._over or not self._wanted.is_set():
             return None
         self._wanted.clear()
+        if (waited_s := self._clock() - self._asked_s) > LATE_S:
+            self._say("no", LATE.format(waited_s))
+            return None
         self._why = ""
         self._session = self._new_session()
         return self._session
@@ -175,19 +182,22 @@ class JogProcess:
         if self._writer.writes:
             self._say("no", WRITES)
             return
+        self._asked_s = self._clock()
         if self._session is None:
             self._guide, self._back_mm = guide, back_mm
+            self._say("opening")
         self._wanted.set()
 
     def _stop(self, why: str) -> None:
-        if self._session is None and self._wanted.is_set():
-            self._say("no", why)
         self._why = why
-        self._leave()
+        self._leave(why)
 
-    def _leave(self) -> None:
+    def _leave(self, why: str = "") -> None:
+        waits = self._session is None and self._wanted.is_set()
         self._wanted.clear()
-        if self._session is not None:
+        if waits:
+            self._say("no", why)
+        elif self._session is not None:
             self._session.leave()
 
     def _say(self, session: str, text: str = "") -> None:

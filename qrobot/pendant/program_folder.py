@@ -18,7 +18,7 @@ RECORDING: Final = "recording"  # in the place of a language
 RECORDED: Final = "recorded/"  # before the name of a file of setpoints
 MOST_PROGRAMS: Final = 500
 MOST_LETTERS: Final = 200_000  # of a source
-_VAL_PROGRAM: Final = re.compile(r"^\s*\.PROGRAM\s+([A-Za-z][\w.]*)", re.MULTILINE | re.IGNORECASE)
+_VAL_PROGRAM: Final = re.compile(r"^[ \t]*\.PROGRAM[ \t]+([A-Za-z][\w.]*)", re.MULTILINE | re.IGNORECASE)
 
 
 class ProgramFolder:

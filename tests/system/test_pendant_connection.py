@@ -80,6 +80,22 @@ def test_a_stop_that_does_not_reach_the_pendant_is_told_and_said_again(pendant: 
         wait_until(lambda: not page.shows("#fault", LOST), "it was read")
 
 
+def test_the_space_bar_stops_wherever_no_text_is_being_typed(pendant: Pendant) -> None:
+    """An emptied field may have kept the focus of what was sent, and a number has no blank."""
+    with open_browser() as driver:
+        page = Page(driver, pendant.address)
+        for kind, text, stops in (("text", "", 1), ("number", "12", 2), ("text", "part", 2)):
+            page.run(
+                "const field = document.createElement('input'); field.type = arguments[0]; field.value = arguments[1];"
+                "field.id = 'probe' + arguments[2]; document.body.append(field); field.focus();",
+                kind, text, stops,
+            )  # fmt: skip
+            driver.switch_to.active_element.send_keys(Keys.SPACE)
+            if text == "part":
+                assert page.run("return document.activeElement.value") == "part "
+            wait_until(lambda stops=stops: page.run("return pendant.status?.stops") == stops, "it was counted")
+
+
 def test_that_a_stop_has_not_reached_an_arm_is_told_beside_what_is_told_of_another_one(pendant: Pendant) -> None:
     """The second arm is not there."""
     with open_browser() as driver:

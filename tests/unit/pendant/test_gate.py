@@ -60,6 +60,16 @@ PAGES = [("http", "/"), ("http", "/_nicegui_ws/socket.io/")]
 PLACES = [*PAGES, ("websocket", "/_nicegui_ws/socket.io/"), ("websocket", "/live")]
 
 
+@pytest.mark.parametrize(
+    ("site", "comes_in"), [("same-origin", True), ("none", True), ("same-site", False), ("", False)]
+)
+def test_what_a_page_of_another_port_asks_for_as_a_picture_is_refused(site: str, comes_in: bool) -> None:
+    """Such a request has no Origin, and the cookie comes along: to a browser another port is the same site."""
+    headers = {"host": HOST, "cookie": IN, "sec-fetch-site": site}
+    assert came_in(knock("http", "/ask/scope/keep", **headers)) is comes_in
+    assert "set-cookie" in str(knock("http", "/", f"token={TOKEN}", **headers))  # who has the address may come in
+
+
 @pytest.mark.parametrize(("kind", "path"), PLACES)
 def test_a_page_of_this_server_comes_in_and_no_other(kind: str, path: str) -> None:
     assert came_in(knock(kind, path, host=HOST, origin=OWN, cookie=IN))
@@ -75,6 +85,8 @@ def test_a_page_of_this_server_comes_in_and_no_other(kind: str, path: str) -> No
         {"host": "127.0.0.1.evil.example", "cookie": IN, "origin": OWN},
         {"host": [HOST, "evil.example"], "origin": OWN, "cookie": IN},
         {"origin": OWN, "cookie": IN},
+        {"host": HOST, "origin": OWN, "cookie": IN, "sec-fetch-site": "cross-site"},
+        {"host": HOST, "origin": OWN, "cookie": IN, "sec-fetch-site": ["same-origin", "same-site"]},
     ]
     for headers in refused:
         answer = knock(kind, path, **headers)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import json
 import threading
 from collections.abc import Iterator
 from pathlib import Path
@@ -13,11 +14,16 @@ from qrobot.config import load_deployment
 from qrobot.config.deployment import DeployedArm
 from qrobot.errors import LinkLost
 from qrobot.pendant import jog_session
-from qrobot.pendant.jog_process import JogProcess, fences_of_told
+from qrobot.pendant.jog_process import LATE_S, JogProcess, fences_of_told
 from qrobot.pendant.jog_worker import told_arm
 from tests.support.patience import PATIENCE_S, give_time, wait_until
 
 ON = '{"do": "on"}'
+
+
+def sessions(answers: io.StringIO) -> list[str]:
+    """What became of the session, one after the other."""
+    return [json.loads(line)["session"] for line in answers.getvalue().splitlines()]
 
 
 def serve(lines: Iterator[str], answers: io.StringIO) -> None:
@@ -74,8 +80,39 @@ def test_an_arm_that_is_asked_for_while_the_process_still_compiles_is_not_taken_
     assert asked.wait(PATIENCE_S)
     process.run()  # as after `compile_motion`
     reader.join()
-    assert "opening" not in answers.getvalue()
+    first, *others = sessions(answers)
+    assert (first, set(others)) == ("opening", {"no"})
     assert told in answers.getvalue()
+
+
+@pytest.mark.realtime
+@pytest.mark.parametrize("waited_s", [LATE_S - 0.1, LATE_S + 0.1])
+def test_an_arm_that_was_asked_for_long_before_the_process_is_ready_is_not_taken(
+    waited_s: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    answers, taken, now = io.StringIO(), list[str](), [100.0]
+
+    def take(_link: object, robot: str, _period_ms: float) -> None:
+        taken.append(robot)
+        raise LinkLost("power was taken away")
+
+    def lines() -> Iterator[str]:
+        yield ON
+        now[0] += waited_s
+        asked.set()
+        wait_until(lambda: sessions(answers)[-1] == "no")
+
+    asked = threading.Event()
+    monkeypatch.setattr(jog_session, "open_channel", take)
+    process = JogProcess("puma560", pytest.fail, Path("unused"), answers, lambda: now[0])
+    reader = threading.Thread(target=process.read, args=(lines(),))
+    reader.start()
+    assert asked.wait(PATIENCE_S)
+    process.run()  # as after `compile_motion`
+    reader.join()
+    assert taken == (["puma560"] if waited_s < LATE_S else [])
+    assert sessions(answers)[0] == "opening"  # the page shows that it is under way
+    assert ("take it now" in answers.getvalue()) == (waited_s > LATE_S)
 
 
 @pytest.mark.realtime
@@ -95,14 +132,14 @@ def test_people_are_told_why_the_pendant_no_longer_commands_the_arm(off: str, mo
         yield f'{{"do": "stop"{off}}}'
         began.clear()
         stopped.set()
-        wait_until(lambda: answers.getvalue().count('"no"') == 2)
+        wait_until(lambda: "was pressed" in answers.getvalue())
         yield ON
         assert began.wait(PATIENCE_S)
-        wait_until(lambda: answers.getvalue().count('"no"') == 3)
+        wait_until(lambda: "power was taken away" in answers.getvalue())
 
     monkeypatch.setattr(jog_session, "open_channel", take)
     serve(lines(), answers)
-    *_, first, _opening, second = answers.getvalue().splitlines()
+    first, second = [line for line in answers.getvalue().splitlines() if json.loads(line)["text"]]
     assert ("Power off was pressed" if off else "STOP was pressed") in first
     assert "pressed" not in second
     assert "power was taken away" in second
@@ -115,7 +152,8 @@ def test_a_line_that_cannot_be_obeyed_is_the_end_of_the_process() -> None:
     with pytest.raises(ValueError, match="Expecting value"):
         process.read([ON, "no JSON"])
     process.run()  # does not take the arm, and ends
-    assert answers.getvalue().count("opening") == 0
+    assert sessions(answers)[:2] == ["opening", "no"]
+    assert sessions(answers).count("opening") == 1
 
 
 DRIVES = """

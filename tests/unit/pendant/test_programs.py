@@ -12,7 +12,7 @@ import pytest
 from qrobot.errors import ConfigError, MotionError
 from qrobot.pendant import program_runner
 from qrobot.pendant.output_tail import OutputTail
-from qrobot.pendant.program_folder import ProgramFolder, stamp_of
+from qrobot.pendant.program_folder import MOST_LETTERS, ProgramFolder, stamp_of
 from qrobot.pendant.program_messages import PageProgramStart, RunManner
 from qrobot.pendant.program_runner import NICE, ProgramRunner
 
@@ -223,6 +223,12 @@ def test_the_path_ahead_is_what_the_newest_run_of_the_same_source_found_that_mov
     finish(started(runner, "a.py", "live"))
     assert path() == (0, None)
     runner.close()
+
+
+def test_a_file_of_blank_lines_is_looked_through_in_no_time(runner: ProgramRunner, folder: Path) -> None:
+    """The pendant does that, and a stop would wait: for minutes, where each line looks at all the rest."""
+    (folder / "v.v2").write_text("\n" * (MOST_LETTERS - 100) + "  .program  last\n.END\n")
+    assert runner.folder.listing()[-1]["parts"] == ["last"]
 
 
 def test_a_program_that_is_not_as_the_page_shows_it_moves_no_arm(runner: ProgramRunner, folder: Path) -> None:

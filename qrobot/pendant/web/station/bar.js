@@ -4,14 +4,17 @@ import { link } from "./link.js";
 import { twoWayButton } from "./two_way.js";
 
 const POWERED = 1, CALIBRATED = 2, ESTOP_OK = 4, PATH_WAITS = 1024; // of the flags
-const TYPING = "input:not([type=checkbox]):not([type=range]), textarea, [contenteditable]";
+const TYPING = "input:not([type=checkbox]):not([type=range]):not([type=number]), textarea, [contenteditable]";
+
+// In a field with something in it a blank is one; an empty field may have kept the focus of what was sent.
+const takesBlank = (field) => field.matches?.(TYPING) && (field.value ?? field.textContent) !== "";
 
 function watchKeys() {
   window.addEventListener(
     "keydown",
     (event) => {
       if (event.key !== "Escape" && event.key !== " ") return;
-      if (event.key === " " && event.target.matches?.(TYPING)) return;
+      if (event.key === " " && takesBlank(event.target)) return;
       event.preventDefault();
       event.stopImmediatePropagation();
       if (!event.repeat) link.stop();
