@@ -10,7 +10,7 @@ from qrobot.arrays import Words
 from qrobot.cli.console import note
 from qrobot.config import Robot, load_robot
 from qrobot.config.deployment import DeployedArm, load_deployment
-from qrobot.config.identified import load_model, with_model
+from qrobot.config.identified import IdentifiedModel, load_model, with_model
 from qrobot.errors import ConfigError
 from qrobot.servo.laws.names import SHIPPED_LAWS
 from qrobot.units import MM_PER_M
@@ -60,18 +60,29 @@ def controlled_robot(arm: DeployedArm, model: str | None = None) -> tuple[Robot,
     numbers are used instead: an arm that has always run shall not stand still for it.
 
     Raises:
-        ConfigError: `model` is missing, damaged or another robot's.
+        ConfigError: `model` is missing, damaged, another robot's, or that of an emulated arm for a real one.
     """
     robot = robot_of_arm(arm)
     if model is not None:
-        return with_model(robot, load_model(model, robot)), model
+        return with_model(robot, _model_of_arm(arm, model, robot)), model
     if arm.servo.model is None:
         return robot, ""
     try:
-        return with_model(robot, load_model(arm.servo.model, robot)), arm.servo.model
+        return with_model(robot, _model_of_arm(arm, arm.servo.model, robot)), arm.servo.model
     except ConfigError as error:
         note(f"warning: the identified model of {arm.name} is not used, the robot file's numbers are: {error}")
         return robot, ""
+
+
+def _model_of_arm(arm: DeployedArm, name: str, robot: Robot) -> IdentifiedModel:
+    """The identified model of that name for an arm. Raises ConfigError."""
+    model = load_model(name, robot)
+    if model.plant and not arm.board.emulated:
+        raise ConfigError(
+            f"{name} was identified on an emulated arm (plant {model.plant!r}), and {arm.name} is a real one: "
+            "record it by `qrobot identify record --go`, and fit that log"
+        )
+    return model
 
 
 def robot_of_servo(arm: DeployedArm, driven: str) -> Robot:
@@ -83,6 +94,11 @@ def robot_of_servo(arm: DeployedArm, driven: str) -> Robot:
             "that the servo was started with"
         )
     return robot
+
+
+def plant_of_arm(arm: DeployedArm) -> str:
+    """The plant as logs and models tell of it; "" where it is no emulated one."""
+    return arm.board.plant if arm.board.emulated else ""
 
 
 def revision_of_arm(arm: DeployedArm) -> str:

@@ -12,7 +12,7 @@ from rich.table import Table
 
 from qrobot.cli.arms import DEFAULT_DEPLOYMENT, choose_arm, robot_of_arm, robot_of_servo
 from qrobot.cli.console import SUCCESS, err, note, out, print_table, write_json
-from qrobot.cli.option_types import Indexes, OutputFile
+from qrobot.cli.option_types import Indexes, OutputCalibration
 from qrobot.errors import ConfigError
 from qrobot.report import Report
 from qrobot.servo.calibration.table import TableFormat
@@ -31,7 +31,7 @@ def calibrate(
     *,
     arm: str | None = None,
     indexes: Indexes = 5,
-    make_table: OutputFile | None = None,
+    make_table: OutputCalibration | None = None,
     table_format: Annotated[TableFormat, Parameter(name="--format")] = "qrobot",
     json: bool = False,
 ) -> int:
@@ -51,8 +51,9 @@ def calibrate(
     indexes
         Index pulses of each joint that have to agree, 3 to 14. More travel, more certainty.
     make_table
-        Write the table of the deployment's emulated arm to this file instead, and move nothing. Name it in the file as
-        `calibration_table`. Refused for a real arm: its table has to be measured on it.
+        Write the table of the deployment's emulated arm to this file (.txt) instead, and move nothing. Name it in the
+        file as `calibration_table`. Refused for a real arm: its table has to be measured on it. A table that does not
+        say that it is an emulated arm's is not written over.
     table_format
         Of that file: `vendor` is the one that the board vendor's driver reads, without comments and checksum.
     json
@@ -151,10 +152,11 @@ def _make_table(arm: DeployedArm, path: Path, form: TableFormat, as_json: bool) 
             "as the board vendor's driver does; name that file as `calibration_table`"
         )
     from qrobot.rig.table_maker import make_table
-    from qrobot.servo.calibration.table import write_table
+    from qrobot.servo.calibration.table import EMULATED, write_table
     from qrobot.sim_board.deployed import board_options
     from qrobot.sim_board.emulator import Emulator
 
+    _refuse_measured(path, EMULATED)
     robot, choice = robot_of_arm(arm), arm.board
     options = board_options(choice, robot)
     emulator = Emulator(robot, options=options, seed=choice.seed, physics="rigid")
@@ -162,9 +164,21 @@ def _make_table(arm: DeployedArm, path: Path, form: TableFormat, as_json: bool) 
         tasks = [progress.add_task(name, total=1.0) for name in robot.joint_names]
         table = make_table(emulator, lambda joint, share: progress.update(tasks[joint], completed=share))
     revision = "F" if options.revision_f else "E"
-    write_table(path, table, f"calibration table of the emulated {robot.name}, board revision {revision}", form)
+    write_table(path, table, f"{EMULATED} {robot.name}, board revision {revision}", form)
     if as_json:
         write_json({"file": str(path), "rows": [int(pots.size) for pots in table.pots]})
     else:
         note(f"table of the emulated {robot.name} written to {path}: name it as `calibration_table` in its deployment")
     return SUCCESS
+
+
+def _refuse_measured(path: Path, emulated: str) -> None:
+    """Raise ConfigError where a table is that may have been measured on a real arm: nothing makes it anew."""
+    try:
+        kept = path.read_text(encoding="ascii", errors="replace") if path.exists() else emulated
+    except OSError as error:
+        raise ConfigError(f"{path}: {error.strerror}") from error
+    if kept.strip() and emulated not in kept:
+        raise ConfigError(
+            f"{path} does not say that it is an emulated arm's: it is not written over, name another file"
+        )

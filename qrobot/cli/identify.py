@@ -168,13 +168,18 @@ def fit(
     from qrobot.cli.identify_fit import IdentificationTask
     from qrobot.ident.result import write_model
 
-    found, model = IdentificationTask(logs, options or FitOptions()).identified()
+    request = IdentificationTask(logs, options or FitOptions())
+    found, model = request.identified()
     write_model(output, model)
     _report(found.robot, model, json)
     outliers = found.fit.outliers
     passes = np.unique(found.observations.passed[outliers]).size
     for warning in found.warnings:
         note(warning)
+    if (told_kg := request.told_kg) > 0.0:
+        note(
+            f"the servo was told a load of {told_kg:g} kg while this was recorded: it is in the model now, tell no more"
+        )
     note(f"{len(found.observations)} observations, of which {outliers.size} in {passes} passes hardly count")
     note(f"model written to {output}: name it as `model` in [arm.servo], or start `qrobot servo --model {output}`")
 

@@ -55,12 +55,18 @@ class IdentificationTask:
         runs = read_rows(asked.dynamic, like=header)[0] if asked.dynamic else None
         inertial = None if runs is None else inertia_of_log(found, runs, period_s)
         everything = np.concatenate([log for log in (rows, carried, runs) if log is not None])
-        return found, model_of(found, everything, measured_on, inertial)
+        return found, model_of(found, everything, measured_on, inertial, header.plant)
 
     @cached_property
     def recorded(self) -> tuple[Rows, LogHeader]:
         """The rows of the logs, and the header of the first."""
         return read_rows(self.logs)
+
+    @property
+    def told_kg(self) -> float:
+        """The most that the servo was told to carry while the logs were recorded, kg; 0 where they do not say."""
+        masses = self.recorded[0]["payload"][:, 0]
+        return float(np.nan_to_num(masses).max(initial=0.0))
 
     def _robot(self, header: LogHeader) -> Robot:
         name = self.options.robot or header.robot

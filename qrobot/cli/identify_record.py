@@ -13,7 +13,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from qrobot import rccl
 from qrobot.cli.arm_links import link_of
-from qrobot.cli.arms import controlled_robot
+from qrobot.cli.arms import controlled_robot, plant_of_arm
 from qrobot.cli.console import err, note
 from qrobot.cli.logs import read_and_warn
 from qrobot.cli.option_types import require_new_log
@@ -132,7 +132,7 @@ def _recording(arm: DeployedArm, robot: Robot, output: Path) -> Iterator[_Record
     writers: list[LogWriter] = []
 
     def open_log(servo: ServoInfo, pid: int) -> LogWriter:
-        writers.append(LogWriter(next(paths), recorded_header(robot, servo, pid, arm.board.plant)))
+        writers.append(LogWriter(next(paths), recorded_header(robot, servo, pid, plant_of_arm(arm))))
         return writers[-1]
 
     with QueuedReport(note) as told:
@@ -161,7 +161,7 @@ def _require_recordable(arm: DeployedArm, robot: Robot) -> None:
         info = servo_info(memory.words)
         if not info.ready:
             raise LinkError(_NOT_READY.format(arm=arm.name))
-        recorded_header(robot, info, int(memory.header.owner_pid), arm.board.plant)
+        recorded_header(robot, info, int(memory.header.owner_pid), plant_of_arm(arm))
         _require_full_speed(arm.name, ServoMailbox(memory.words).snapshot())
 
 
@@ -313,4 +313,10 @@ def _difference(header: LogHeader, other: LogHeader) -> str:
         return f"a {header.robot} whose robot file has another geometry or transmission than"
     if header.period_ns != other.period_ns:
         return f"rate {header.rate_hz:g} Hz, not {other.rate_hz:g} as"
+    if header.plant != other.plant:
+        return f"{_behind_board(header)}, not {_behind_board(other)} as"
     return ""
+
+
+def _behind_board(header: LogHeader) -> str:
+    return f"an emulated arm (plant {header.plant!r})" if header.plant else "a real arm"

@@ -329,7 +329,7 @@ def record(
     plant
         What the log shall say of the plant, overriding the file.
     """
-    from qrobot.cli.arms import choose_arm, robot_of_arm, tool_of_arm
+    from qrobot.cli.arms import choose_arm, plant_of_arm, robot_of_arm, tool_of_arm
     from qrobot.config import deployment_path, robot_path
     from qrobot.fences.told_fences import told_fences
     from qrobot.log.fences_of_log import fence_attachments
@@ -354,7 +354,7 @@ def record(
         room = LogRoom(chosen.name, keep_gb, round(max_megabytes * MEGABYTE), told)
 
         def open_log(servo: ServoInfo, pid: int) -> LogWriter:
-            header = recorded_header(robot, servo, pid, chosen.board.plant if plant is None else plant)
+            header = recorded_header(robot, servo, pid, plant_of_arm(chosen) if plant is None else plant)
             return LogWriter(next(paths), header, attachments, room.file_bytes, robot, tool, fences, room.make)
 
         told(f"waiting for the servo of {chosen.name}")
@@ -386,7 +386,7 @@ def live(
     rate
         Rows a second, at most as many as the servo makes.
     """
-    from qrobot.cli.arms import choose_arm, robot_of_arm, tool_of_arm
+    from qrobot.cli.arms import choose_arm, plant_of_arm, robot_of_arm, tool_of_arm
     from qrobot.fences.told_fences import told_fences
     from qrobot.log.follow import ServoFollower, follow
     from qrobot.log.live import LiveServer
@@ -397,7 +397,7 @@ def live(
     fences = told_fences(chosen, robot)
 
     def open_server(servo: ServoInfo, pid: int) -> LiveServer:
-        header = recorded_header(robot, servo, pid, chosen.board.plant)
+        header = recorded_header(robot, servo, pid, plant_of_arm(chosen))
         return LiveServer(port, header, rate, robot, tool, fences)
 
     with QueuedReport(note) as told, set_on_signals() as stop:

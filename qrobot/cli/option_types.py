@@ -2,7 +2,8 @@
 
 Every number that a command takes has one of these types, and so has every path that it writes to: what cannot be done
 is refused while nothing has been started, moved or computed. Defaults are checked too, for the folder they are in may
-not be writable either. A file is written over only where its suffix says that it is of the kind that is written.
+not be writable either. A file is written over only where its suffix, and its contents where several kinds share
+one, say that it is of the kind that is written.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from typing import Annotated, Any, Final
 from cyclopts import Parameter
 
 from qrobot.config.deployment import LEAST_GB, MOST_GB
+from qrobot.config.kinds import FileKind, kind_of_file
 from qrobot.errors import ConfigError, LogError, error_text
 from qrobot.extras import missing_library
 from qrobot.log.topics import part_path
@@ -85,14 +87,17 @@ def checked_folder(path: Path) -> Path:
 
 
 def require_writable_log(path: Path) -> None:
-    """Raise ValueError when neither the log (.mcap) nor the folder `path` can be written."""
-    _tell(path, _try_file if path.suffix == ".mcap" else _try_folder)
+    """Raise ValueError when neither the log (.mcap) nor the folder `path` can be written.
+
+    A log of virtual time can be made again and is written over. One of a running arm cannot, and is not.
+    """
+    _tell(path, _try_log if path.suffix == ".mcap" else _try_folder)
 
 
 def require_new_log(path: Path) -> None:
     """Raise ValueError when `path` cannot be written, or is a log already: what an arm did does not come again."""
     _tell(path, _refuse_recorded)
-    require_writable_log(path)
+    _tell(path, _try_file if path.suffix == ".mcap" else _try_folder)
 
 
 @dataclass(frozen=True)
@@ -103,19 +108,26 @@ class FileOfKind:
         what: it is, with its article.
         suffixes: in small letters.
         require: what raises ValueError when it cannot be written.
+        kind: what a file with something in it has to be, where other kinds have the same suffix.
     """
 
     what: str
     suffixes: tuple[str, ...]
     require: Callable[[Path], None] = require_writable_file
+    kind: FileKind | None = None
 
     def __call__(self, path: Path) -> None:
-        """Raises ValueError with the suffixes that are wanted, or the extra that is missing."""
+        """Raises ValueError with the suffixes that are wanted, the extra that is missing, or what it is instead."""
         if (suffix := path.suffix.lower()) not in self.suffixes:
             raise ValueError(f"cannot write {path}: {self.what} ends in {' or '.join(self.suffixes)}")
         if suffix == PARQUET and find_spec("pyarrow") is None:
             raise ValueError(missing_library("pyarrow"))
         self.require(path)
+        if self.kind is not None and path.is_file() and path.stat().st_size:
+            found = kind_of_file(path)
+            if found is not self.kind:
+                told = "something else" if found is None else found.called
+                raise ValueError(f"cannot write {path}: it is {told}, not {self.kind.called}; name another file")
 
 
 def require_writable_film(path: Path) -> None:
@@ -140,6 +152,22 @@ def _refuse_recorded(path: Path) -> None:
     parts = (path, part_path(path, 2)) if path.suffix == ".mcap" else ()
     if any(part.is_file() and part.stat().st_size for part in parts):
         raise OSError("it is a recording already, name another file")
+
+
+def _try_log(path: Path) -> None:
+    from qrobot.log.header import LOCKSTEP
+    from qrobot.log.mcap_scan import PartScan
+
+    _try_file(path)
+    if not path.is_file() or not path.stat().st_size:
+        return
+    try:
+        scan = PartScan(path)
+        scan.take_head()
+    except LogError as error:
+        raise OSError(f"{error}; name another file") from None
+    if scan.found.header is None or scan.found.header.clock != LOCKSTEP:
+        raise OSError("it is the recording of a running arm, name another file")
 
 
 def _try_file(path: Path) -> None:
@@ -180,8 +208,13 @@ OutputTable = Annotated[Path, Parameter(validator=_each_path(FileOfKind("a table
 OutputArrays = Annotated[
     Path, Parameter(validator=_each_path(FileOfKind("a table", (".csv", PARQUET, ".npy", ".npz", ".mat"))))
 ]
-OutputModel = Annotated[Path, Parameter(validator=_each_path(FileOfKind("a model", (".toml",))))]
-OutputRobot = Annotated[Path, Parameter(validator=_each_path(FileOfKind("a robot file", (".toml",))))]
+OutputModel = Annotated[Path, Parameter(validator=_each_path(FileOfKind("a model", (".toml",), kind=FileKind.MODEL)))]
+OutputRobot = Annotated[
+    Path, Parameter(validator=_each_path(FileOfKind("a robot file", (".toml",), kind=FileKind.ROBOT)))
+]
+OutputCalibration = Annotated[
+    Path, Parameter(validator=_each_path(FileOfKind("a table", (".txt",), kind=FileKind.CALIBRATION)))
+]
 OutputPage = Annotated[Path, Parameter(validator=_each_path(FileOfKind("a page", (".html",))))]
 OutputResults = Annotated[
     Path, Parameter(validator=_each_path(FileOfKind("a results file", (".jsonl",), require_growing_file)))

@@ -24,9 +24,23 @@ REDUCED_SPEED_MM_S = 250.0  # ISO 10218-1: the most of a tool with a person with
 
 
 def calibration_of_arm(arm: DeployedArm) -> CalibrationTable | None:
-    """The calibration table an arm names, if any. Raises ConfigError when it is damaged or another arm's."""
+    """The calibration table an arm names, if any.
+
+    Raises:
+        ConfigError: it is damaged or another arm's. So is an emulated arm's table for a real one: index pulses come at
+            the same places of a turn, so that every check would agree with counters that are whole turns off.
+    """
     name = arm.board.calibration_table
-    return None if name is None else load_table(name, robot_of_arm(arm))
+    if name is None:
+        return None
+    table = load_table(name, robot_of_arm(arm))
+    if table.emulated and not arm.board.emulated:
+        raise ConfigError(
+            f"calibration_table {name!r} is that of an emulated arm, and {arm.name} is none (kind = "
+            f"{arm.board.kind!r}): its table has to be measured on it, by the board vendor's driver. Where an emulated "
+            "board is behind its gateway, copy the table without the comment that says so"
+        )
+    return table
 
 
 def servo_settings(

@@ -91,7 +91,10 @@ class IdentifiedValue(Table):
 
 
 class IdentifiedModel(Table):
-    """A model of one robot. `date` is that of the measurement, `data` the digest of what was measured."""
+    """A model of one robot. `date` is that of the measurement, `data` the digest of what was measured.
+
+    `plant` is that of the emulated arm it was found on; left out for a real one.
+    """
 
     robot: str
     robot_digest: str
@@ -100,6 +103,7 @@ class IdentifiedModel(Table):
     links: IdentifiedLinks
     friction: IdentifiedFriction
     quality: Quality
+    plant: str = ""
     drives: IdentifiedDrives | None = None
     value: tuple[IdentifiedValue, ...] = Field(default=(), strict=False)
 

@@ -15,32 +15,40 @@ from qrobot.config.identified import IdentifiedModel, robot_digest
 from qrobot.config.toml_text import toml_lines
 from qrobot.config.values import JointKinds
 from qrobot.errors import IdentificationError
+from qrobot.ident.fit import NORMAL_95
 from qrobot.ident.friction import FRICTION_NAMES
 from qrobot.ident.inertia import InertialModel
 from qrobot.ident.model import CLEARLY, Identified
 from qrobot.ident.physical_gravity import nearest_links
+from qrobot.ident.unknowns import OF_LOAD
 from qrobot.servo.memory.telemetry import Rows
 from qrobot.whole_file import replace_file
 
 SECTIONS: Final = ("links", "friction", "drives", "quality")
 HALF_STEP: Final = 0.5  # DAC counts: a smaller error of torque cannot be commanded away
+MOST_DOUBT: Final = 0.05  # [A] of a motor's greatest torque: by so much gravity may be in doubt at any pose
+DOUBT_POSES, DOUBT_SEED = 500, 1
 _DIGITS: Final = 8
 _HEAD: Final = """# The servo uses links, friction and drives. Inertia is about the centre, along the axes of the frame:
 # products of inertia, like remainders of stiction and drifts of friction, are among the values, and no law has them.
 """
 
 
-def model_of(found: Identified, rows: Rows, date: str, inertial: InertialModel | None = None) -> IdentifiedModel:
+def model_of(
+    found: Identified, rows: Rows, date: str, inertial: InertialModel | None = None, plant: str = ""
+) -> IdentifiedModel:
     """The model of what was found in `rows`, measured on `date` (YYYY-MM-DD), with inertia or without.
+
+    `plant` is that of an emulated arm, "" for a real one.
 
     Raises:
         IdentificationError: it would make the servo worse: it predicts held-back passes worse than the robot file
-            does, held-back motion worse than the robot file's inertia does, a friction is negative, or no bodies have
-            that gravity.
+            does, held-back motion worse than the robot file's inertia does, gravity is in doubt at poses that were not
+            recorded, a friction or the load is negative, or no bodies have that gravity.
     """
     _need_better(found)
     robot = found.robot
-    document = _document(found, date, f"sha256:{hashlib.sha256(rows.tobytes()).hexdigest()[:16]}")
+    document = _document(found, date, f"sha256:{hashlib.sha256(rows.tobytes()).hexdigest()[:16]}") | {"plant": plant}
     if inertial is not None:
         _need_better_inertia(inertial)
         _add_inertia(document, inertial)
@@ -86,6 +94,7 @@ def _add_inertia(document: dict[str, Any], inertial: InertialModel) -> None:
 
 def _need_better(found: Identified) -> None:
     robot = found.robot
+    _need_a_load_that_weighs(found)
     if unjudged := _named(robot, np.isnan(found.held_back_rms)):
         raise IdentificationError(f"no held-back pass turns {unjudged}: record more poses")
     if worse := _named(robot, found.held_back_rms > _as_good(found)):
@@ -99,6 +108,52 @@ def _need_better(found: Identified) -> None:
         )
     if negative := _named(robot, (np.minimum(found.friction, found.compensated_friction) < least).any(axis=1)):
         raise IdentificationError(f"friction of {negative} comes out negative: look at the passes it was recorded in")
+    _need_gravity_everywhere(found)
+
+
+def _need_a_load_that_weighs(found: Identified) -> None:
+    """Raise IdentificationError when the logs with the load and those without it have changed places."""
+    load, first = found.unknowns.load, len(found.base.leading)
+    if load is None or load.combination(0) != OF_LOAD[0]:
+        return
+    mass, half_width = float(found.fit.values[first]), float(found.fit.half_width[first])
+    if mass < -CLEARLY * half_width:
+        raise IdentificationError(
+            f"the load weighs {mass:.2f} ± {half_width:.2f} kg: --loaded names the logs that were recorded with it, "
+            "and seems to name those without it. Change them round"
+        )
+
+
+def _need_gravity_everywhere(found: Identified) -> None:
+    """Raise IdentificationError when the passes were too much alike to tell gravity at other poses."""
+    worst = gravity_doubt(found).max(axis=0)
+    allowed = MOST_DOUBT * found.robot.guard.tau_max + _half_step(found.robot)
+    if named := _named(found.robot, worst > allowed):
+        motor = int(np.argmax(worst / allowed))
+        raise IdentificationError(
+            f"gravity of {named} is hardly told away from the poses of the logs: ± {worst[motor]:.1f} at the worst for "
+            f"{found.robot.joint_names[motor]}, and {allowed[motor]:.1f} N m (N) are allowed. Record the whole plan of "
+            "`qrobot identify plan`"
+        )
+
+
+def doubt_poses(robot: Robot) -> Floats:
+    """Poses all over the range, the same at each call. Shape (DOUBT_POSES, n)."""
+    limits = robot.limits
+    return np.random.default_rng(DOUBT_SEED).uniform(limits.q_min, limits.q_max, (DOUBT_POSES, robot.n))
+
+
+def gravity_doubt(found: Identified) -> Floats:
+    """Half widths of the 95 % intervals of the motors' torques that hold the arm, at poses all over its range.
+
+    Returns:
+        N m (N), of each pose and motor. Shape (DOUBT_POSES, n).
+    """
+    robot, b = found.robot, len(found.base.leading)
+    of_joints = found.base.columns(found.regressor(doubt_poses(robot)))
+    of_motors = np.einsum("mjb,ji->mib", of_joints, np.linalg.inv(robot.transmission.coupling))
+    variance = np.einsum("mib,bc,mic->mi", of_motors, found.fit.covariance[:b, :b], of_motors)
+    return np.asarray(NORMAL_95 * np.sqrt(np.maximum(variance, 0.0)))
 
 
 def _as_good(found: Identified) -> Floats:

@@ -47,16 +47,20 @@ def generated(
     stiction: float = 1.0,
     fades_at: float = STRIBECK_FRACTION,
     drift: np.ndarray | float = 0.0,
+    within: float = 1.0,
 ) -> Observations:
     """Passes through random poses, up and down at some speeds, of an arm without a coupled wrist's effect on rates.
 
     `scale` (n,) is what its motors are commanded for a torque of 1, `load_kg` of which `LOAD` tells is carried besides,
     through all of them or pose by pose (poses,). `speeds` of the motors have shape (k, n). Friction at rest is
     `stiction` times Coulomb friction and half as much more at a share `fades_at` of greatest speed. All of it
-    rises by a share `drift` (n,) from the first pass to the last.
+    rises by a share `drift` (n,) from the first pass to the last. Poses lie in a share `within` of the range, in its
+    middle.
     """
     random, (regressor, base) = np.random.default_rng(seed), puma_base()
-    q = np.repeat(random.uniform(PUMA.limits.q_min, PUMA.limits.q_max, (poses, N)), 2 * len(speeds), axis=0)
+    middle, half = PUMA.limits.q_min + PUMA.limits.q_max, PUMA.limits.q_max - PUMA.limits.q_min
+    places = 0.5 * (middle + within * random.uniform(-half, half, (poses, N)))
+    q = np.repeat(places, 2 * len(speeds), axis=0)
     rate = np.tile(np.stack([speeds, -speeds], axis=1).reshape(-1, N), (poses, 1))
     to_motor = np.linalg.inv(PUMA.transmission.coupling.T)
     gravity = to_motor @ base.columns(regressor(q))

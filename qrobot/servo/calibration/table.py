@@ -34,6 +34,7 @@ FARTHEST_POT: Final = 32768  # 10 V
 FARTHEST_COUNT: Final = 65536  # a 16-bit counter, shifted by an offset as on joint 4
 OFF_LINE: Final = 0.5  # rows of pot travel by which a reading may lie beside the straight line through all
 OFF_ROBOT: Final = 1.0  # rows by which that line may lie beside the robot file's; 0.2 in the vendor's sample [V]
+EMULATED: Final = "calibration table of the emulated"  # a comment with it: measured on no real arm
 _CRC: Final = re.compile(r"#\s*crc32\s+([0-9a-f]{8})\s*$")
 _REMEDY: Final = "measure it anew, or for an emulated arm `qrobot calibrate --make-table FILE`"
 
@@ -47,10 +48,12 @@ class CalibrationTable:
     Attributes:
         pots: readings by joint, ADC units. Shapes (rows,).
         counts: encoder counts at those index pulses. Shapes (rows,).
+        emulated: it says of itself that it is an emulated arm's.
     """
 
     pots: tuple[Ints, ...]
     counts: tuple[Ints, ...]
+    emulated: bool = False
 
     @property
     def n(self) -> int:
@@ -153,7 +156,8 @@ def parse_table(text: str, label: str) -> CalibrationTable:
     for joint, joint_rows in enumerate(rows, 1):
         _check_rows(np.array(joint_rows, dtype=np.int64).reshape(-1, 2), f"{label}: joint {joint}")
     arrays = [np.array(joint_rows, dtype=np.int64) for joint_rows in rows]
-    return CalibrationTable(tuple(a[:, 0] for a in arrays), tuple(a[:, 1] for a in arrays))
+    emulated = any(line.startswith("#") and EMULATED in line for line in lines)
+    return CalibrationTable(tuple(a[:, 0] for a in arrays), tuple(a[:, 1] for a in arrays), emulated)
 
 
 def _has_words(line: str) -> bool:

@@ -7,12 +7,14 @@ from pathlib import Path
 
 import pytest
 
+from qrobot.cli.arms import choose_arm
 from qrobot.cli.calibrate import _Bars, _results
 from qrobot.cli.console import err, out, run_app
 from qrobot.cli.main import make_app
+from qrobot.cli.servo_settings import calibration_of_arm
 from qrobot.config import load_robot
 from qrobot.config.robot import robot_path
-from qrobot.servo.calibration.table import load_table
+from qrobot.servo.calibration.table import load_table, table_path
 from qrobot.servo.operator.calibration_client import CalibrationReport
 
 ROBOT = load_robot("puma560")
@@ -27,25 +29,71 @@ def test_a_table_made_is_one_that_can_be_loaded(tmp_path: Path, capsys: pytest.C
     assert said == {"file": str(path), "rows": [pots.size for pots in table.pots]}
 
 
-@pytest.mark.parametrize(
-    "board",
-    [
-        'kind = "port"\nport = { base = 0x300 }\n',
-        'kind = "can"\ncan = { interface = "socketcan", channel = "can0", node_id = 1 }\n',
-        'kind = "modbus"\nmodbus = { host = "192.0.2.1", port = 502 }\n',
-    ],
-)
+REAL_BOARDS = [
+    'kind = "port"\nport = { base = 0x300 }\n',
+    'kind = "can"\ncan = { interface = "socketcan", channel = "can0", node_id = 1 }\n',
+    'kind = "modbus"\nmodbus = { host = "192.0.2.1", port = 502 }\n',
+]
+
+
+@pytest.mark.parametrize("board", REAL_BOARDS)
 def test_a_real_arm_does_not_get_the_table_of_an_emulated_one(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], board: str
 ) -> None:
-    path, table = tmp_path / "real.toml", tmp_path / "arm.txt"
-    waits = "servo = { board_timeout_ms = 8.0 }\n"
-    path.write_text(
-        f'[[arm]]\nname = "real"\nrobot = "puma560"\nbridge = {{ port = 5999 }}\n{waits}[arm.board]\n{board}'
-    )
+    path, table = real_arm(tmp_path, board), tmp_path / "arm.txt"
     assert run_app(make_app(), ["calibrate", str(path), "--make-table", str(table)]) == 1
     assert "real is no emulated arm" in capsys.readouterr().err
     assert not table.exists()
+
+
+def real_arm(folder: Path, board: str) -> Path:
+    """A deployment file with one arm on that board."""
+    path, waits = folder / "real.toml", "servo = { board_timeout_ms = 8.0 }\n"
+    path.write_text(
+        f'[[arm]]\nname = "real"\nrobot = "puma560"\nbridge = {{ port = 5999 }}\n{waits}[arm.board]\n{board}'
+    )
+    return path
+
+
+@pytest.mark.parametrize("board", REAL_BOARDS)
+@pytest.mark.parametrize("file", [None, "copy.txt"])
+def test_a_servo_of_a_real_arm_does_not_start_with_the_table_of_an_emulated_one(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], board: str, file: str | None
+) -> None:
+    if file is not None:
+        (tmp_path / file).write_text(table_path("puma560").read_text())
+    path = real_arm(tmp_path, f"{board}calibration_table = '{file or 'puma560'}'\n")
+    assert run_app(make_app(), ["servo", str(path)]) == 1
+    said = " ".join(capsys.readouterr().err.split())
+    assert "is that of an emulated arm, and real is none" in said
+    assert "has to be measured on it" in said
+
+
+@pytest.mark.parametrize("board", REAL_BOARDS)
+def test_a_real_arm_has_a_table_that_does_not_say_whose_it_is(tmp_path: Path, board: str) -> None:
+    rows = [line for line in table_path("puma560").read_text().splitlines() if not line.startswith("#")]
+    (tmp_path / "measured.txt").write_text("\n".join(rows) + "\n")
+    arm = choose_arm(str(real_arm(tmp_path, f"{board}calibration_table = 'measured.txt'\n")), None)
+    table = calibration_of_arm(arm)
+    assert table is not None
+    assert (table.n, table.emulated) == (ROBOT.n, False)
+
+
+def test_a_table_that_may_have_been_measured_is_not_written_over(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    made, vendors, cell = tmp_path / "made.txt", tmp_path / "PUMA.TXT", tmp_path / "cell.toml"
+    make = ["calibrate", "--make-table"]
+    for _ in range(2):  # an emulated arm's is made again
+        assert run_app(make_app(), [*make, str(made)]) == 0
+    assert run_app(make_app(), [*make, str(vendors), "--format", "vendor"]) == 0
+    kept = vendors.read_bytes()
+    cell.write_text("[[arm]]\n")
+    capsys.readouterr()
+    for path, status, told in ((vendors, 1, "PUMA.TXT does not say"), (cell, 2, "a table ends in .txt")):
+        assert run_app(make_app(), [*make, str(path)]) == status
+        assert told in " ".join(capsys.readouterr().err.split())
+    assert (vendors.read_bytes(), cell.read_text()) == (kept, "[[arm]]\n")
 
 
 def test_a_table_that_cannot_be_written_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -313,6 +313,14 @@ def test_an_arm_that_somebody_else_commands_leaves_no_log(tmp_path: Path, monkey
     assert not (tmp_path / "run.mcap").exists()
 
 
+@pytest.mark.parametrize("told", [[0.0, 0.0, 0.0], [0.0, 2.0, 1.0], [np.nan, 0.5, np.nan]])
+def test_a_load_that_was_told_while_an_arm_was_recorded_is_known(tmp_path: Path, told: list[float]) -> None:
+    rows = TelemetryLayout(PUMA.n).empty(3)
+    rows["payload"][:, 0] = told
+    log = write_log(tmp_path / "run.mcap", rows, HEADER)[0]
+    assert IdentificationTask((log,), FitOptions()).told_kg == np.nanmax(told)
+
+
 SHORTER = replace(HEADER, robot_digest="0123456789abcdef")
 
 
@@ -323,6 +331,7 @@ SHORTER = replace(HEADER, robot_digest="0123456789abcdef")
         (replace(HEADER, joint_names=HEADER.joint_names[::-1]), "is of joints flange, wrist_bend"),
         (SHORTER, "whose robot file has another geometry or transmission"),
         (replace(HEADER, period_ns=2_000_000), "is of rate 500 Hz, not 1000"),
+        (replace(HEADER, plant="mismatched"), r"is of an emulated arm \(plant 'mismatched'\), not a real arm as"),
     ],
 )
 def test_logs_that_do_not_belong_together_are_told_apart(other: LogHeader, complaint: str, tmp_path: Path) -> None:

@@ -19,7 +19,11 @@ from cyclopts.argument import Argument
 
 from qrobot.cli.console import run_app
 from qrobot.cli.main import make_app
-from qrobot.cli.option_types import Range
+from qrobot.cli.option_types import Range, require_writable_log
+from qrobot.config import load_robot
+from qrobot.log.header import LOCKSTEP, REALTIME, header_for
+from qrobot.log.record import write_log
+from qrobot.servo.memory.telemetry import TelemetryLayout
 
 APP: Final = make_app()
 READ: Final = {
@@ -257,6 +261,44 @@ def test_a_file_of_another_kind_is_not_written_over(
         if Path(name).suffix not in option.suffixes:
             assert f"cannot write {tmp_path / name}: " in refused(capsys, option.tokens(str(tmp_path / name)), 2)
             assert (tmp_path / name).read_text() == "somebody's work"
+
+
+SHARED = {".toml", ".txt"}  # suffixes of several kinds of file
+
+
+@pytest.mark.parametrize("option", [each for each in OF_A_KIND if SHARED & set(each.suffixes)], ids=str)
+@pytest.mark.parametrize("text", ["somebody's work", "[[arm]]\nname = 'left'\n", "[tool.ruff]\n", "\0\1"])
+def test_a_file_of_another_kind_and_the_same_suffix_is_not_written_over(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, option: Option, text: str
+) -> None:
+    path = tmp_path / f"cell{next(iter(option.suffixes))}"
+    path.write_text(text)
+    complaint = " ".join(refused(capsys, option.tokens(str(path)), 2).split())
+    assert f"cannot write {path}: it is" in complaint
+    assert "name another file" in complaint
+    assert path.read_text() == text
+
+
+@pytest.mark.parametrize(
+    "words", [["run", "--lockstep", "p.py", "--log"], ["identify", "record", "--lockstep", "--output"]]
+)
+def test_the_recording_of_a_running_arm_is_not_written_over(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, words: list[str]
+) -> None:
+    robot = load_robot("puma560")
+    rows = TelemetryLayout(robot.n).empty(3)
+    for clock in (REALTIME, LOCKSTEP):
+        path = write_log(tmp_path / f"{clock}.mcap", rows, header_for(robot, 1_000_000, "qrobot", clock))[0]
+        before = path.read_bytes()
+        if clock == REALTIME:
+            told = " ".join(refused(capsys, [*words, str(path)], 2).split())
+            assert "it is the recording of a running arm, name another file" in told
+        else:
+            require_writable_log(path)  # it can be made again
+        assert path.read_bytes() == before
+    (tmp_path / "damaged.mcap").write_bytes(before[:200])
+    with pytest.raises(ValueError, match="name another file"):
+        require_writable_log(tmp_path / "damaged.mcap")
 
 
 @pytest.mark.parametrize("option", [each for each in OF_A_KIND if ".parquet" in each.suffixes], ids=str)

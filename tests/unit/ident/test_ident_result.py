@@ -14,8 +14,9 @@ from qrobot.cli.arms import controlled_robot
 from qrobot.cli.console import run_app
 from qrobot.cli.main import make_app
 from qrobot.config import load_robot
-from qrobot.config.deployment import BridgeChoice, DeployedArm, ServoChoice
+from qrobot.config.deployment import BoardChoice, BridgeChoice, DeployedArm, ServoChoice
 from qrobot.config.identified import PRESET, IdentifiedDrives, IdentifiedModel, load_model, with_model
+from qrobot.config.transport import PortTransport
 from qrobot.errors import ConfigError, IdentificationError
 from qrobot.ident.base import base_of_robot
 from qrobot.ident.fit import Fit
@@ -23,7 +24,7 @@ from qrobot.ident.model import Identified, identify
 from qrobot.ident.observe import none_of
 from qrobot.ident.physical_gravity import nearest_links
 from qrobot.ident.regressor import gravity_regressor, known_parameters
-from qrobot.ident.result import model_of, write_model
+from qrobot.ident.result import doubt_poses, gravity_doubt, model_of, write_model
 from qrobot.ident.unknowns import Unknowns
 from qrobot.log.header import header_for
 from qrobot.log.record import write_log
@@ -157,6 +158,21 @@ def test_a_model_that_does_not_fit_is_told_and_the_robot_file_used(capsys: pytes
     assert "the identified model of left is not used" in capsys.readouterr().err
 
 
+def test_a_model_of_an_emulated_arm_is_not_used_for_a_real_one(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "model.toml"
+    write_model(file, model_of(found(), *NOTHING_RECORDED, plant="nominal"))
+    emulated = arm_with(str(file))
+    real = emulated.model_copy(update={"board": BoardChoice(kind="port", port=PortTransport(base=0x300))})
+    assert controlled_robot(emulated)[1] == str(file)
+    robot, used = controlled_robot(real)
+    assert (robot.control.friction_preset, used) == (PUMA.control.friction_preset, "")
+    assert "was identified on an emulated arm (plant 'nominal')" in " ".join(capsys.readouterr().err.split())
+    with pytest.raises(ConfigError, match=r"and .* is a real one: record it"):
+        controlled_robot(real, str(file))
+
+
 def test_a_model_asked_for_by_name_has_to_fit(file: Path) -> None:
     assert controlled_robot(arm_with("nowhere.toml"), str(file))[1] == str(file)
     with pytest.raises(ConfigError, match=r"nowhere\.toml"):
@@ -232,6 +248,41 @@ def test_coulomb_friction_clearly_below_nothing_is_refused() -> None:
     given = model_of(replace(found(), fit=doubtful), *NOTHING_RECORDED)
     assert given.friction.coulomb_pos[0] == 0.0
     assert {value.name: value.value for value in given.value}["waist.coulomb_pos"] == -0.06
+
+
+@pytest.mark.parametrize("within", [0.01, 0.03])
+def test_passes_that_are_too_much_alike_to_tell_gravity_elsewhere_make_no_model(within: float) -> None:
+    regressor, base = puma_base()
+    for seed in range(3):
+        found = identify(PUMA, base, regressor, generated(*drawn(seed), 0.05, seed, within=within))
+        assert (found.held_back_rms < 0.2 * found.before_rms).any()  # where it was recorded it is a good one
+        with pytest.raises(IdentificationError, match=r"hardly told away from the poses of the logs: ± \d"):
+            model_of(found, *NOTHING_RECORDED)
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.05])
+def test_doubt_of_gravity_is_what_models_of_other_recordings_differ_by(noise: float) -> None:
+    """In 95 of 100, at any pose; a recording of the whole range leaves little."""
+    regressor, base = puma_base()
+    beta, friction = drawn(1)
+    within = 0
+    for seed in range(8):
+        found = identify(PUMA, base, regressor, generated(beta, friction, noise, seed), known_torque=True)
+        doubts, poses = gravity_doubt(found), doubt_poses(PUMA)
+        off = base.columns(regressor(poses)) @ (found.beta - beta) @ np.linalg.inv(PUMA.transmission.coupling)
+        within += np.count_nonzero(np.abs(off).max(axis=0) <= 1.5 * doubts.max(axis=0) + 1e-9)
+        assert (doubts.max(axis=0) < 0.02 * PUMA.guard.tau_max).all()
+    assert within >= 0.9 * 8 * N
+
+
+def test_logs_with_the_load_and_without_it_that_changed_places_make_no_model() -> None:
+    regressor, base = puma_base()
+    beta, friction = drawn(4, load_kg=0.0)
+    heavy, light = generated(beta, friction, 0.02, 4, load_kg=2.0), generated(beta, friction, 0.02, 5, poses=12)
+    told = [replace(each, loaded=np.full(len(each), loaded)) for each, loaded in ((heavy, False), (light, True))]
+    found = identify(PUMA, base, regressor, told[0].followed_by(told[1]))
+    with pytest.raises(IdentificationError, match=r"the load weighs -2\.\d+ ± .* Change them round"):
+        model_of(found, *NOTHING_RECORDED)
 
 
 def test_gravity_no_arm_has_is_refused() -> None:
