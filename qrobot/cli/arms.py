@@ -53,31 +53,32 @@ def place_of_arm(arm: DeployedArm) -> str:
     return place_text((arm.bridge.host, arm.bridge.port))
 
 
-def controlled_robot(arm: DeployedArm, model: str | None = None) -> tuple[Robot, str]:
+def controlled_robot(arm: DeployedArm, model: str | None = None, emulated: bool = False) -> tuple[Robot, str]:
     """The robot as the servo of an arm knows it, and the model it was identified by ("" for the robot file's own).
 
     A `model` that was asked for has to fit. One of the deployment file that does not is told, and the robot file's
-    numbers are used instead: an arm that has always run shall not stand still for it.
+    numbers are used instead: an arm that has always run shall not stand still for it. In lock-step the board is
+    `emulated`, whatever the file says.
 
     Raises:
         ConfigError: `model` is missing, damaged, another robot's, or that of an emulated arm for a real one.
     """
     robot = robot_of_arm(arm)
     if model is not None:
-        return with_model(robot, _model_of_arm(arm, model, robot)), model
+        return with_model(robot, _model_of_arm(arm, model, robot, emulated)), model
     if arm.servo.model is None:
         return robot, ""
     try:
-        return with_model(robot, _model_of_arm(arm, arm.servo.model, robot)), arm.servo.model
+        return with_model(robot, _model_of_arm(arm, arm.servo.model, robot, emulated)), arm.servo.model
     except ConfigError as error:
         note(f"warning: the identified model of {arm.name} is not used, the robot file's numbers are: {error}")
         return robot, ""
 
 
-def _model_of_arm(arm: DeployedArm, name: str, robot: Robot) -> IdentifiedModel:
+def _model_of_arm(arm: DeployedArm, name: str, robot: Robot, emulated: bool) -> IdentifiedModel:
     """The identified model of that name for an arm. Raises ConfigError."""
     model = load_model(name, robot)
-    if model.plant and not arm.board.emulated:
+    if model.plant and not (emulated or arm.board.emulated):
         raise ConfigError(
             f"{name} was identified on an emulated arm (plant {model.plant!r}), and {arm.name} is a real one: "
             "record it by `qrobot identify record --go`, and fit that log"

@@ -166,10 +166,11 @@ def fit(
         Print the model as JSON.
     """
     from qrobot.cli.identify_fit import IdentificationTask
-    from qrobot.ident.result import write_model
+    from qrobot.ident.result import require_gravity_everywhere, write_model
 
     request = IdentificationTask(logs, options or FitOptions())
     found, model = request.identified()
+    require_gravity_everywhere(found)
     write_model(output, model)
     _report(found.robot, model, json)
     outliers = found.fit.outliers
@@ -178,7 +179,8 @@ def fit(
         note(warning)
     if (told_kg := request.told_kg) > 0.0:
         note(
-            f"the servo was told a load of {told_kg:g} kg while this was recorded: it is in the model now, tell no more"
+            f"the servo was told {told_kg:g} kg while this was recorded: what the hand held is in the model now, "
+            "and is not to be told again"
         )
     note(f"{len(found.observations)} observations, of which {outliers.size} in {passes} passes hardly count")
     note(f"model written to {output}: name it as `model` in [arm.servo], or start `qrobot servo --model {output}`")

@@ -60,7 +60,7 @@ def record_emulated(
     from qrobot.sim_board.deployed import emulator_of_arm
 
     settings, emulator = servo_settings(arm), emulator_of_arm(arm, robot, plant=plant, payload_kg=load_kg)
-    believed, _ = controlled_robot(arm)
+    believed, _ = controlled_robot(arm, emulated=True)
     with heed_interrupts(), _bar(plan) as told:
         rows = record_lockstep(
             believed, arm.robot, settings, emulator, plan, told, round(arm.bridge.period_ms * US_PER_MS), first

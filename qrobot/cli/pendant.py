@@ -56,7 +56,8 @@ def pendant(
     port
         Where to listen; 0 takes a free one.
     taught
-        File of places by name, as `qrobot teach` has it. Of several arms each has its own, `taught-ARM.db`.
+        File of places by name, as `qrobot teach` has it. Where the deployment has several arms each has its own beside
+        it, such as `taught-left.db`.
     programs
         Folder of programs (.py, .c, .v2) that pages list and start, beside what the arm was led through; no others.
     log

@@ -120,7 +120,7 @@ def _lockstep_links(arm: DeployedArm, period_us: int) -> LinkFactory:
     from qrobot.sim_board.deployed import emulator_of_arm
 
     emulator = emulator_of_arm(arm, robot_of_arm(arm))
-    rig = LockstepRig(controlled_robot(arm)[0], servo_settings(arm), emulator, keep_telemetry=False)
+    rig = LockstepRig(controlled_robot(arm, emulated=True)[0], servo_settings(arm), emulator, keep_telemetry=False)
     return partial(link_factory, rig, period_us)
 
 

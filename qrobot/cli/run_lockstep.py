@@ -106,7 +106,7 @@ class LockstepArm:
         self._robot = robot_of_arm(arm)
         law = None if run.law is None else check_law(run.law, self._robot)
         scene = run.scene or settings_of(run.program).scene
-        believed, _ = controlled_robot(arm, run.model)
+        believed, _ = controlled_robot(arm, run.model, emulated=True)
         start = None if run.start is None else start_place(run.start, arm)
         emulator = emulator_of_arm(arm, self._robot, plant=run.plant, scene=scene, start=start)
         self.rig = LockstepRig(believed, servo_settings(arm, run.rate_hz, law), emulator, keep_telemetry=keep)

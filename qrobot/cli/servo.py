@@ -17,11 +17,12 @@ from qrobot.cli.arms import (
     choose_arm,
     controlled_robot,
     neighbours_of_arm,
+    plant_of_arm,
     tool_of_arm,
 )
 from qrobot.cli.console import SUCCESS, note
 from qrobot.cli.option_types import RateHz
-from qrobot.cli.servo_settings import servo_settings
+from qrobot.cli.servo_settings import refuse_emulated_table, servo_settings
 from qrobot.config.deployment import DeployedArm, Interpolation, Velocity, guardian_objection
 from qrobot.errors import ConfigError
 from qrobot.realtime.lasting_folder import lasting_advice
@@ -83,6 +84,7 @@ def servo(
     chosen = choose_arm(deployment, arm)
     robot, identified = controlled_robot(chosen, model)
     settings = servo_settings(chosen, rate, law, velocity, interpolation, reduced_speed)
+    refuse_emulated_table(chosen, settings.calibration)
     if objection := guardian_objection(settings.rate_hz, settings.guardian_timeout_ms):
         raise ConfigError(objection)
     settings = replace(settings, neighbours=neighbours_of_arm(chosen, deployment))
@@ -112,7 +114,7 @@ def _flight_recorder(arm: DeployedArm, robot: Robot, report: Report) -> FlightRe
     from qrobot.log.flight import KEEP, FlightRecorder
 
     def header_of(servo: ServoInfo) -> LogHeader:
-        return recorded_header(robot, servo, os.getpid(), arm.board.plant)
+        return recorded_header(robot, servo, os.getpid(), plant_of_arm(arm))
 
     fences = told_fences(arm, robot)
     folder = Path(arm.log.directory) / "incidents"

@@ -24,23 +24,22 @@ REDUCED_SPEED_MM_S = 250.0  # ISO 10218-1: the most of a tool with a person with
 
 
 def calibration_of_arm(arm: DeployedArm) -> CalibrationTable | None:
-    """The calibration table an arm names, if any.
-
-    Raises:
-        ConfigError: it is damaged or another arm's. So is an emulated arm's table for a real one: index pulses come at
-            the same places of a turn, so that every check would agree with counters that are whole turns off.
-    """
+    """The calibration table an arm names, if any. Raises ConfigError when it is damaged or another arm's."""
     name = arm.board.calibration_table
-    if name is None:
-        return None
-    table = load_table(name, robot_of_arm(arm))
-    if table.emulated and not arm.board.emulated:
+    return None if name is None else load_table(name, robot_of_arm(arm))
+
+
+def refuse_emulated_table(arm: DeployedArm, table: CalibrationTable | None) -> None:
+    """Raise ConfigError when the table of an arm that a servo is to drive is an emulated arm's, and the arm is none.
+
+    Index pulses come at the same places of a turn: every check would agree with counters that are whole turns off.
+    """
+    if table is not None and table.emulated and not arm.board.emulated:
         raise ConfigError(
-            f"calibration_table {name!r} is that of an emulated arm, and {arm.name} is none (kind = "
-            f"{arm.board.kind!r}): its table has to be measured on it, by the board vendor's driver. Where an emulated "
-            "board is behind its gateway, copy the table without the comment that says so"
+            f"calibration_table {arm.board.calibration_table!r} is that of an emulated arm, and {arm.name} is none "
+            f"(kind = {arm.board.kind!r}): its table has to be measured on it, by the board vendor's driver. Where an "
+            "emulated board is behind its gateway, copy the table without the comment that says so"
         )
-    return table
 
 
 def servo_settings(

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from qrobot.errors import ConfigError, LinkError, error_text
-from qrobot.rccl.held_stick import KEY, REL, StickAxis, StickCode, StickEvent, StickLayout
+from qrobot.rccl.held_stick import DROPPED, KEY, REL, SYN, StickAxis, StickCode, StickEvent, StickLayout
 
 EV_KEY, EV_REL, EV_ABS = KEY, REL, 3  # of <linux/input-event-codes.h>, as the codes below
 BTN_0, BTN_1, BTN_SOUTH, BTN_TL, BTN_TR = 0x100, 0x101, 0x130, 0x136, 0x137
@@ -44,11 +44,18 @@ class StickDevice:
     def read(self) -> Iterable[StickEvent]:
         """Events since the last call; never waits. Raises LinkError: the device is gone."""
         try:
-            return [StickEvent(event.type, event.code, event.value) for event in self._device.read()]
+            events = [StickEvent(event.type, event.code, event.value) for event in self._device.read()]
+            if any((event.kind, event.code) == (SYN, DROPPED) for event in events):
+                events += [self._now(code) for kind, code in self.layout.axes if kind == EV_ABS]
+            return events
         except BlockingIOError:
             return ()
         except OSError as error:
             raise LinkError(f"{self.layout.name} is gone: {error_text(error)}") from None
+
+    def _now(self, code: int) -> StickEvent:
+        """Place of an absolute axis, whose events may be among those that were lost."""
+        return StickEvent(EV_ABS, code, self._device.absinfo(code).value)
 
 
 def open_stick(path: Path) -> StickDevice:

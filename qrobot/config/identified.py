@@ -93,7 +93,7 @@ class IdentifiedValue(Table):
 class IdentifiedModel(Table):
     """A model of one robot. `date` is that of the measurement, `data` the digest of what was measured.
 
-    `plant` is that of the emulated arm it was found on; left out for a real one.
+    `plant` is that of the emulated arm it was found on; "" for a real one.
     """
 
     robot: str

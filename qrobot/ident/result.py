@@ -43,8 +43,8 @@ def model_of(
 
     Raises:
         IdentificationError: it would make the servo worse: it predicts held-back passes worse than the robot file
-            does, held-back motion worse than the robot file's inertia does, gravity is in doubt at poses that were not
-            recorded, a friction or the load is negative, or no bodies have that gravity.
+            does, held-back motion worse than the robot file's inertia does, a friction or the load is negative, or no
+            bodies have that gravity.
     """
     _need_better(found)
     robot = found.robot
@@ -108,7 +108,6 @@ def _need_better(found: Identified) -> None:
         )
     if negative := _named(robot, (np.minimum(found.friction, found.compensated_friction) < least).any(axis=1)):
         raise IdentificationError(f"friction of {negative} comes out negative: look at the passes it was recorded in")
-    _need_gravity_everywhere(found)
 
 
 def _need_a_load_that_weighs(found: Identified) -> None:
@@ -124,8 +123,11 @@ def _need_a_load_that_weighs(found: Identified) -> None:
         )
 
 
-def _need_gravity_everywhere(found: Identified) -> None:
-    """Raise IdentificationError when the passes were too much alike to tell gravity at other poses."""
+def require_gravity_everywhere(found: Identified) -> None:
+    """Raise IdentificationError when the passes were too much alike to tell gravity at other poses.
+
+    For a model that is to carry the arm; friction and a page may be looked at all the same.
+    """
     worst = gravity_doubt(found).max(axis=0)
     allowed = MOST_DOUBT * found.robot.guard.tau_max + _half_step(found.robot)
     if named := _named(found.robot, worst > allowed):

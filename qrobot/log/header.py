@@ -45,7 +45,7 @@ class LogHeader:
         velocity: how velocities were estimated; empty when unknown.
         interpolation: form of the path between setpoints; empty when unknown.
         clock: REALTIME or LOCKSTEP.
-        plant: what stood behind the board, e.g. "nominal" or "mismatched"; empty when unknown.
+        plant: what stood behind the board, e.g. "nominal" or "mismatched"; empty for a real arm, or when unknown.
         wall_offset_ns: add it to a row's t_ns for the time since 1970, ns; 0 when time is virtual.
         part: number of this part of a rotated log, from 1.
         version: of the program that wrote it.

@@ -80,7 +80,12 @@ class HandAndOutputs:
             MotionError: the arm cannot carry it, or that is no load; nothing has changed then.
         """
         load = payload_of("setload", kg, centre, inertia)
-        self._session.settings.tell(load)
+        told_kg, self._told_kg = self._told_kg, max(self._told_kg, load.mass)  # the servo goes over to it meanwhile
+        try:
+            self._session.settings.tell(load)
+        except BaseException:
+            self._told_kg = told_kg
+            raise
         with self._session.task():
             self._task.carry(load)
         self._told_kg = load.mass
@@ -129,15 +134,18 @@ class HandAndOutputs:
         self._task.retract_m = back_m
 
     def _require_torques(self, call: str) -> None:
-        """See `MotionParameters`: the newest sample tells."""
+        """Raise MotionError for a call that acts by the torques of an arm that tells none: the newest sample tells."""
         if self._task.how is not None:
             require_torques(call, self._task.how.torques_known)
 
     def _require_forces(self, call: str) -> None:
-        """See `MotionParameters`. Of a load that others have told a program hears the mass, and no centre."""
+        """See `MotionParameters`. Of a load that others have told a program hears the mass, and no centre.
+
+        The servo may carry less than this program has told: it goes over to that, or has started anew.
+        """
         self._require_torques(call)
         how = self._task.how
-        if how is not None and how.payload_mass != self._told_kg:
+        if how is not None and how.payload_mass > self._told_kg:
             raise MotionError(
                 f"{call}: the arm carries {how.payload_mass:g} kg, and this program has told {self._told_kg:g}: "
                 "the rest would count as force. Tell what the hand holds by `setload`"

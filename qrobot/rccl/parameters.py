@@ -176,11 +176,12 @@ class MotionParameters:
             values: what the arm exerts, one for each.
 
         Raises:
-            MotionError: an unknown direction, or not one value for each; or nobody knows the arm's torques. `move`
-                raises it when no joints match the directions at the goal, or when they are too weak for the forces.
+            MotionError: an unknown direction, or not one value for each; or nobody knows the arm's torques, or the arm
+                carries a load that this program has not told. `move` raises it when no joints match the directions at
+                the goal, or when they are too weak for the forces.
         """
         asked = named_values("comply", dirs, values, FORCES)
-        self._require_torques("comply")
+        self._require_forces("comply")
         before = self._compliance
         wrench = np.zeros(len(FORCES)) if before is None else before.wrench.copy()
         axes = set() if before is None else set(before.axes)
@@ -245,9 +246,6 @@ class MotionParameters:
         if np.isfinite(limits.force).any():
             self._require_forces("limit")
         self._set_next(limit=limits)
-
-    def _require_torques(self, call: str) -> None:
-        """Raise MotionError for a call that acts by the torques of an arm that tells none."""
 
     def _require_forces(self, call: str) -> None:
         """Raise MotionError for a call that acts by what the arm exerts, and that cannot be known."""

@@ -59,8 +59,8 @@ class TravelledPath:
     def way_back(self, q: Floats, length_m: float, forward: ToolPose, recent: int) -> Floats:
         """Places from `q` (n,) back over them, until the flange has gone `length_m`, or where it begins.
 
-        The arm is near one of the `recent` newest: it may have been here before, on a way that led where it now met
-        something.
+        The arm is near one of the `recent` newest, or was pushed back along the way from there. It may have been here
+        before as well, on a way that led where it now met something.
 
         Returns:
             Shape (k, n), the first of them `q`; alone when there are none. No joint turns by more than `MOST_TURN`.
@@ -69,7 +69,10 @@ class TravelledPath:
             return q[None].copy()
         travelled = np.array(self._q)
         newest_first = travelled[::-1]
-        nearest = int(np.linalg.norm(newest_first[:recent] - q, axis=1).argmin())
+        off = np.linalg.norm(newest_first - q, axis=1)
+        nearest = int(off[:recent].argmin())
+        while nearest + 1 < len(off) and off[nearest + 1] <= off[nearest]:  # it was pushed back along it
+            nearest += 1
         back = newest_first[nearest:]
         turned = np.abs(np.diff(back, axis=0)).cumsum(axis=0).max(axis=1, initial=0.0)
         back = back[: 1 + int(np.searchsorted(turned, MOST_TURN, side="right"))]

@@ -24,7 +24,7 @@ from qrobot.ident.model import Identified, identify
 from qrobot.ident.observe import none_of
 from qrobot.ident.physical_gravity import nearest_links
 from qrobot.ident.regressor import gravity_regressor, known_parameters
-from qrobot.ident.result import doubt_poses, gravity_doubt, model_of, write_model
+from qrobot.ident.result import doubt_poses, gravity_doubt, model_of, require_gravity_everywhere, write_model
 from qrobot.ident.unknowns import Unknowns
 from qrobot.log.header import header_for
 from qrobot.log.record import write_log
@@ -171,6 +171,7 @@ def test_a_model_of_an_emulated_arm_is_not_used_for_a_real_one(
     assert "was identified on an emulated arm (plant 'nominal')" in " ".join(capsys.readouterr().err.split())
     with pytest.raises(ConfigError, match=r"and .* is a real one: record it"):
         controlled_robot(real, str(file))
+    assert controlled_robot(real, str(file), emulated=True)[1] == str(file)  # in lock-step
 
 
 def test_a_model_asked_for_by_name_has_to_fit(file: Path) -> None:
@@ -257,7 +258,8 @@ def test_passes_that_are_too_much_alike_to_tell_gravity_elsewhere_make_no_model(
         found = identify(PUMA, base, regressor, generated(*drawn(seed), 0.05, seed, within=within))
         assert (found.held_back_rms < 0.2 * found.before_rms).any()  # where it was recorded it is a good one
         with pytest.raises(IdentificationError, match=r"hardly told away from the poses of the logs: ± \d"):
-            model_of(found, *NOTHING_RECORDED)
+            require_gravity_everywhere(found)
+    require_gravity_everywhere(identify(PUMA, base, regressor, generated(*drawn(0), 0.05, 0)))
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.05])

@@ -38,6 +38,7 @@ class FakeDevice:
     def __init__(self, name: str = "pad", buttons: tuple[int, ...] = (BTN_SOUTH, BTN_TL, 0x137)) -> None:
         self.name, self.lost = name, False
         self.waiting: list[SimpleNamespace] = []
+        self.now: dict[int, int] = {}
         self._capabilities = {EV_KEY: list(buttons), EV_ABS: [gamepad(code) for code in (X, Y, 3, RY)]}
 
     def capabilities(self, absinfo: bool) -> dict[int, list[object]]:
@@ -51,6 +52,9 @@ class FakeDevice:
             raise BlockingIOError
         came, self.waiting = self.waiting, []
         return came
+
+    def absinfo(self, code: int) -> SimpleNamespace:
+        return SimpleNamespace(value=self.now.get(code, 0))
 
     def tell(self, kind: int, code: int, value: int) -> None:
         self.waiting.append(SimpleNamespace(type=kind, code=code, value=value))
@@ -93,6 +97,21 @@ def test_after_events_were_lost_the_button_has_to_be_pressed_anew() -> None:
     assert heard((0, [PUSHED]), (10, [AWAY]), (20, [lost]), (30, [AWAY]), (40, [BACK, PUSHED]), (50, [AWAY])) == [
         None, ("dx", 1.0), None, None, None, ("dx", 1.0),
     ]  # fmt: skip
+
+
+def test_after_events_were_lost_a_stick_is_where_it_is() -> None:
+    device = FakeDevice()
+    stick, held = HeldStick((found := StickDevice(device)).layout), []
+    for drawn in (-FULL, 0):
+        device.now[X] = drawn
+        device.tell(SYN, DROPPED, 0)
+        held.append(stick.hear(found.read(), 10.0))
+        device.tell(EV_KEY, BTN_TL, 1)
+        device.tell(EV_ABS, Y, -FULL)
+        held.append(stick.hear(found.read(), 20.0))
+        device.tell(EV_ABS, Y, 0)
+        held.append(stick.hear(found.read(), 30.0))
+    assert held == [None, None, None, None, ("dx", 1.0), None]
 
 
 def test_a_stick_that_is_drawn_when_the_device_is_opened_is_not_at_rest() -> None:

@@ -301,6 +301,12 @@ def test_what_the_arm_exerts_is_known_once_the_program_has_told_the_load_that_ot
             with pytest.raises(MotionError, match=r"carries 2 kg, and this program has told 0: .* by `setload`"):
                 asks()
         arm.limit("dx", 5.0)  # a way needs no forces
+        seen: list[int] = []
+        arm.each_sample(lambda: seen.append(arm.exerted.torque.size))
         arm.setload(2.0, (0.0, 0.0, 50.0))
         arm.limit("fz", 15.0)
+        fake.payload_mass = 0.5  # the servo goes over to it, or has started anew
+        arm.setload(2.5)
+        arm.setload(0.0)
         assert arm.exerted.torque.shape == PARK.shape
+    assert set(seen) == {ROBOT.n}

@@ -115,6 +115,24 @@ def test_an_arm_that_has_been_there_before_goes_back_by_the_way_it_came_last(fak
     assert back[-1, 0] > met + 0.04
 
 
+@pytest.mark.parametrize("pushed", [0.05, 0.2])
+def test_an_arm_that_was_soft_and_pushed_back_goes_on_from_there(fake: FakeRobot, pushed: float) -> None:
+    """It came slowly: what it came by last is little of its way."""
+    with rccl.control("puma560") as arm:
+        arm.retract(1e3 * LENGTH_M)
+        arm.setjvel(0.05)
+        arm.move(arm.jposition("THERE", (np.degrees(PARK) + np.array([40.0, 0, 0, 0, 0, 0])).tolist()))
+        arm.waitas(lambda: fake.q[0] - PARK[0] > 0.4)
+        fake.halt(FaultCode.COLLISION)
+        fake.q = (fake.q[0] - pushed, *fake.q[1:])
+        held, before = fake.q[0], len(fake.path)
+        assert told(arm).code == FaultCode.COLLISION
+    back = np.array(fake.path)[before:]
+    check_way_back(back)
+    assert back[:, 0].max() < held + 1e-3  # never towards what it met
+    assert back[-1, 0] < held - 0.04
+
+
 def test_a_way_back_of_the_wrist_alone_has_its_bound_too_and_stays_near_what_was_travelled(fake: FakeRobot) -> None:
     """The flange's origin does not move when the last joint turns, and ten strokes are too many for a smooth way."""
     with rccl.control("puma560") as arm:
