@@ -69,14 +69,20 @@ class ToolTravel:
 
     Attributes:
         joint_goal: of a goal given by its joints: where they and the tool's tip will be.
+        joints: speed of the joints that is not exceeded either, where one of the two is 0.
     """
 
     linear: float
     angular: float
     joint_goal: JointGoal | None = None
+    joints: SpeedShare | None = None
 
-    def samples(self, displacement: Displacement, _limits: MotionLimits, period_s: float) -> int:
+    def samples(self, displacement: Displacement, limits: MotionLimits, period_s: float) -> int:
         """Samples, to the nearest."""
+        least = 1 if self.joints is None else self.joints.samples(displacement, limits, period_s)
+        return max(least, self._of_tool(displacement, period_s))
+
+    def _of_tool(self, displacement: Displacement, period_s: float) -> int:
         tool = displacement.tool
         if self.joint_goal is not None:
             tool = self.joint_goal.travel(displacement.joints)
@@ -128,7 +134,8 @@ def _tseg(options: MotionOptions, pos: Pos, kinematics: ArmKinematics) -> Motion
         goal = None
         if isinstance(pos.target, np.ndarray):
             goal = JointGoal(kinematics, pos.target, np.eye(4) if pos.tool is None else pos.tool.value)
-        return ToolTravel(options.vt * M_PER_MM, options.vr * RAD_PER_DEG, goal)
+        joints = SpeedShare(options.share * 0.01) if min(options.vt, options.vr) <= 0.0 else None
+        return ToolTravel(options.vt * M_PER_MM, options.vr * RAD_PER_DEG, goal, joints)
     if options.speed_by is SpeedBy.JOINT:
         return JointTravel(options.jvel)
     return SpeedShare(options.share * 0.01)

@@ -42,6 +42,7 @@ from qrobot.arcl import (
     MOV_TIME,
     MOV_TRAJ,
     MOV_UPDATE,
+    MOV_VR,
     MOV_VT,
     MOVE_STOP,
     OK,
@@ -84,6 +85,7 @@ from qrobot.model.transform import so3_exp, transform
 from qrobot.rci.machine_choice import MachineChoice, use_machine
 from qrobot.rci.standstill import HELD_S
 from tests.support.arcl import PARK, at, forget_programs, offline, recorded
+from tests.support.puma import ROBOT
 
 pytestmark = pytest.mark.usefixtures("arcl_alone")
 
@@ -177,6 +179,18 @@ def test_a_speed_of_the_tool_sets_the_time() -> None:
     move(rp, at(500, -100, 200), MOV_TRAJ, TRAJ_CART, MOV_VT, 50, 0)
     arcl_wait(rp)
     assert ami_treal() - begin == pytest.approx((round(200 / 50 / 0.056) + 1) * DT_MS, abs=1.1 * DT_MS)
+
+
+@pytest.mark.parametrize(("word", "turn"), [(MOV_VT, True), (MOV_VR, False)])
+def test_what_a_speed_of_the_tool_says_nothing_of_is_no_faster_than_the_joints_share(word: int, turn: bool) -> None:
+    """A turn, where a speed along the way was asked for alone; a way, where that was done of the turn."""
+    rp = offline()
+    goal = (*PARK[:5], PARK[5] - 60.0) if turn else (PARK[0] + 40.0, *PARK[1:5], PARK[5])
+    with recorded(rp) as rows:
+        move(rp, joint_pos(rp, "away", goal), MOV_SHARE, 10, word, 1000.0, 0)
+        arcl_wait(rp)
+    fastest = np.abs(np.diff(np.radians(rows), axis=0)).max(axis=0) / 0.056
+    assert 0.05 < (fastest / ROBOT.limits.v_max).max() < 0.12
 
 
 def test_joint_targets_take_a_speed_and_not_only_a_time() -> None:
