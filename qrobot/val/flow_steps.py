@@ -87,7 +87,7 @@ def _return(run: Interpreter, task: ValTask) -> Waits | None:
 def _pause(run: Interpreter, task: ValTask) -> Waits:
     if task.moves:
         yield from wait_for_arrival(run, task)
-    run.pause(f"PAUSE in program {task.at[0]}")
+    run.pause(f"PAUSE in program {task.at[0]}", halt=not task.moves)  # the one that moves stands between two steps
 
 
 def _stop(run: Interpreter, task: ValTask) -> Waits:

@@ -24,6 +24,7 @@ from qrobot.val.task import ValTask, Waits, Watch
 STEPS_PER_SAMPLE: Final = 50  # of each program [A]; VAL II's own rate is not published
 MOST_BESIDE: Final = 6  # process control programs at a time [A]
 STANDSTILL_S: Final = 1.0  # a pause is complete by then
+OF_PROGRAMS: Final = ("LOCK", "IGNORE", "RUNSIG")  # what these change lasts as long as the program they stand in
 TYPED: Final = "DO"  # name of a program of the one step that is typed at the monitor
 SAMPLES_TO_REST: Final = 5000  # an arm that does not come to rest by then has been lost
 
@@ -156,6 +157,10 @@ class Interpreter:
         line = parse_line(text)
         if isinstance(line.action, tree.Block | tree.ForLoop | tree.CaseValues | tree.Goto):
             raise ProgramError("DO takes a step that stands by itself, no part of a structure", column=1)
+        if isinstance(line.action, tree.Reaction) or getattr(line.action, "word", "") in OF_PROGRAMS:
+            raise ProgramError(
+                "DO takes a step, and this one counts for the rest of a program: put it into one", column=1
+            )
         before, kept = self.unfinished, (self.task, self.state, self.message, self._unfinished, self._failed)
         self.machine.programs[TYPED] = tree.ValProgram(TYPED, (), (line,))
         try:
@@ -195,9 +200,9 @@ class Interpreter:
         self.stop_arm()
         self.machine.arm.unfinished()
 
-    def pause(self, why: str) -> None:
-        """Stop between steps; `proceed` goes on."""
-        self.state, self.message = RunState.PAUSED, why
+    def pause(self, why: str, halt: bool = False) -> None:
+        """Stop between steps, and with `halt` the arm on its path; `proceed` goes on, with its motions too."""
+        self.state, self.message, self._halts = RunState.PAUSED, why, halt
 
     def end_of_program(self, task: ValTask) -> Waits | None:
         """RETURN, or the last line: back to the caller, or the end of a cycle."""
@@ -257,12 +262,11 @@ class Interpreter:
             with suppress(KeyboardInterrupt):
                 arm.sample()
         if not arm.off_path:
-            self._come_to_rest()
-            self._unfinished = arm.unfinished() + self._unfinished
+            self._halt()
             arm.resume()
 
     def _run(self, single: bool) -> RunState:
-        self.state, self.message, self.error = RunState.RUNNING, "", None
+        self.state, self.message, self.error, self._halts = RunState.RUNNING, "", None, False
         self._single, self._single_begun = single, False
         try:
             self._show_running(True)
@@ -271,7 +275,7 @@ class Interpreter:
                 if self.state is RunState.RUNNING:
                     self.machine.arm.sample()
             if self.state is RunState.PAUSED:
-                self._settle()
+                (self._halt if self._halts and not self.machine.arm.off_path else self._settle)()
         except (KeyboardInterrupt, LinkError, ServoFault):
             self._interrupted()
             raise
@@ -292,10 +296,14 @@ class Interpreter:
             if self.machine.arm.off_path:
                 self._pause_on_way_back()  # the path keeps its motions
                 return
-            self._come_to_rest()
-            self._unfinished = self.machine.arm.unfinished() + self._unfinished
+            self._halt()
         except QRobotError:
             self.task = None  # the arm is lost
+
+    def _halt(self) -> None:
+        """Come to rest on the path; PROCEED takes the motions up."""
+        self._come_to_rest()
+        self._unfinished = self.machine.arm.unfinished() + self._unfinished
 
     def _come_to_rest(self) -> None:
         """Stop the arm on its path and wait until it stands; another Ctrl-C meanwhile changes nothing."""
@@ -318,6 +326,7 @@ class Interpreter:
         """Let all programs do their part of one sample; none while the arm is off its path."""
         if stopped := self.machine.arm.kept:
             self.pause(stopped)
+            self.machine.arm.pause()  # what was typed alone leads it on, for the program has to go on with it
         if self.machine.arm.off_path:
             return
         if failure := self.machine.arm.failure():
@@ -428,6 +437,7 @@ class Interpreter:
             try:
                 self._call_reaction(task, Watch(task.on_error, task.priority, True))
                 task.on_error, self.message = "", str(told)
+                self.machine.hand_at_next = None  # of the motion that cannot be done
                 return
             except ProgramError as refusal:
                 told = ProgramError(f"{told}; and REACTE: {refusal}")

@@ -232,8 +232,17 @@ class ValMonitor:
         if not rest:
             raise ProgramError("expected LOAD file")
         source = load_source(_with_suffix(Path(rest)))
+        changed = {name for name, each in source.programs.items() if self._machine.programs.get(name) != each}
         self._machine.load(source)
-        return f"{len(source.programs)} programs, {len(source.locations)} locations, {len(source.numbers)} numbers"
+        told = f"{len(source.programs)} programs, {len(source.locations)} locations, {len(source.numbers)} numbers"
+        if self._run.unfinished and (begun := sorted(changed & self._begun())):
+            told += f"; what was begun of {', '.join(begun)} goes on as it was, the new text counts from EXECUTE on"
+        return told
+
+    def _begun(self) -> set[str]:
+        """Names of the programs that are in the midst of something."""
+        tasks = [task for task in (self._run.task, *self._run.beside) if task is not None]
+        return {frame.program.name for task in tasks for frame in task.frames}
 
     def _store(self, rest: str) -> str:
         if not rest:

@@ -240,6 +240,67 @@ def test_a_stop_of_the_servo_pauses_a_program_and_proceed_leads_the_arm_back_to_
         assert run.machine.values["x", ()] == 7.0
 
 
+@pytest.mark.parametrize("library", ["rccl", "arcl"])
+def test_what_an_operator_confirms_does_not_move_an_arm_whose_program_is_paused(library: str) -> None:
+    """Its reactions would not be looked at, and its hand would come late."""
+    fake = FakeRobot(tuple(PARK))
+    with faked_arm(fake, library) as arm:
+        run = Interpreter(arm)
+        run.machine.load(read_source(main_program("MOVE a", "MOVES b", rest=PLACES))[0])
+        begin = fake.seq
+        fake.before_period = lambda seq: fake.break_down(FaultCode.ESTOP) if seq == begin + 25 else None
+        assert run.execute("main") is RunState.PAUSED
+        stands = fake.q
+        for paused in (True, False):
+            fake.paused = paused
+            for _ in range(400):
+                arm.sample()
+        assert fake.q == stands
+        assert arm.off_path
+        assert run.proceed() is RunState.COMPLETED, run.message
+        assert run.machine.frame("here")[:3, 3] == pytest.approx([0.450, -0.150, 0.0], abs=1e-6)
+
+
+@pytest.mark.parametrize("library", ["rccl", "arcl"])
+def test_a_pause_of_a_program_beside_stops_the_arm_on_its_path_and_what_it_has_queued_comes_later(library: str) -> None:
+    beside = ".PROGRAM p\nWAIT TIMER(1) > 0.5\nPAUSE\n.END\n"
+    lines = "SPEED 20 ALWAYS", "TIMER 1 = 0", "PCEXECUTE p", "MOVE a", "MOVES b", "OPEN", "MOVES a"
+    with interpreter(main_program(*lines, rest=beside + PLACES), library=library) as (run, _):
+        hands: list[float] = []
+        run.machine.arm.hand = lambda _: hands.append(run.machine.frame("here")[1, 3])  # type: ignore[method-assign]
+        assert run.execute("main") is RunState.PAUSED
+        assert run.message == "PAUSE in program p"
+        assert run.machine.arm.idle
+        for y in (0.150, -0.150):  # it is on its way to the first of them
+            assert np.abs(run.machine.frame("here")[:3, 3] - [0.450, y, 0.0]).max() > 0.01
+        assert run.proceed() is RunState.COMPLETED, run.message
+        assert run.machine.frame("here")[:3, 3] == pytest.approx([0.450, 0.150, 0.0], abs=1e-6)
+        assert hands == [pytest.approx(-0.150, abs=0.05)]  # as it leaves b
+
+
+@pytest.mark.parametrize(
+    "step", ["REACTI 1002, p, 9", "REACT 1002, p", "REACTE p", "LOCK 3", "IGNORE 1002", "RUNSIG 3"]
+)
+def test_what_counts_for_a_program_is_no_step_to_be_typed(step: str) -> None:
+    with interpreter(main_program("PAUSE", rest=".PROGRAM p\nx = 1\n.END\n")) as (run, _):
+        for _ in range(2):
+            with pytest.raises(ProgramError, match="counts for the rest of a program"):
+                run.do(step)
+            run.execute("main")
+
+
+@pytest.mark.parametrize("library", ["rccl", "arcl"])
+def test_the_way_out_of_an_error_does_not_open_the_hand_for_the_motion_that_failed(library: str) -> None:
+    recover = '.PROGRAM recover\nDEPARTS 50\nBREAK\nTYPE "out"\n.END\n'
+    lines = "REACTE recover", "MOVE a", "OPEN", "MOVES far", "MOVE b"
+    with interpreter(main_program(*lines, rest=recover + PLACES), library=library) as (run, typed):
+        hands: list[bool] = []
+        run.machine.arm.hand = hands.append  # type: ignore[method-assign]
+        run.execute("main")
+        assert typed == ["out"]
+        assert hands == []
+
+
 def test_quit_gives_up_the_path_of_an_arm_that_the_servo_has_stopped_and_tells_why() -> None:
     fake = FakeRobot(tuple(PARK))
     channel = open_channel(lambda hello: VirtualLink(hello, fake.transfer), "puma560")

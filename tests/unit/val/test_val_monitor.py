@@ -223,3 +223,19 @@ def test_of_a_file_with_a_place_of_no_arm_nothing_is_taken(place: str, said: str
     assert answers[1:] == ["completed", "x 1", ""]
     mistakes = check_text(file.read_text(), load_robot("puma560"))
     assert any(mistake.what in answers[0] for mistake in mistakes)
+
+
+def test_a_file_loaded_over_a_program_that_is_paused_says_what_goes_on_as_it_was(tmp_path: Path) -> None:
+    for name, value in (("old", 1), ("new", 2)):
+        (tmp_path / f"{name}.v2").write_text(f".PROGRAM main\nPAUSE\nx = {value}\n.END\n")
+    with interpreter() as (run, _):
+        monitor = ValMonitor(run)
+        assert monitor.obey(f"LOAD {tmp_path / 'old'}") == "1 programs, 0 locations, 0 numbers"
+        monitor.obey("EX main")
+        assert monitor.obey(f"LOAD {tmp_path / 'old'}") == "1 programs, 0 locations, 0 numbers"
+        assert "what was begun of main goes on as it was" in monitor.obey(f"LOAD {tmp_path / 'new'}")
+        monitor.obey("PROCEED")
+        assert run.machine.values["x", ()] == 1.0
+        monitor.obey("EX main")
+        monitor.obey("PROCEED")
+        assert run.machine.values["x", ()] == 2.0
