@@ -6,6 +6,7 @@ joints' own names. A Parquet file of ours tells robot and period besides, as met
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
@@ -30,6 +31,7 @@ from qrobot.wire.vocabulary import LONGEST_PERIOD_US, SHORTEST_PERIOD_US
 TIME: Final = "t_s"
 PARQUET: Final = ".parquet"
 _ROBOT, _PERIOD = b"qrobot:robot", b"qrobot:period_us"
+_JOINT: Final = re.compile(r"q([1-9][0-9]*)")
 _UNEVEN: Final = 0.1  # of a period, by which a time may be off its place [A]
 
 
@@ -113,7 +115,13 @@ def _read_csv(path: Path, lines: list[str], robot: Robot) -> Setpoints:
 
 
 def _chosen(path: Path, names: Sequence[str], robot: Robot) -> dict[str, int]:
-    """Places of the columns that setpoints may be made of. Raises ConfigError: two have one name."""
+    """Places of the columns that setpoints may be made of.
+
+    Raises ConfigError: two have one name, or there are more joints than the robot has: it is another one's.
+    """
+    more = sorted(name for name in names if (found := _JOINT.fullmatch(name)) and int(found[1]) > robot.n)
+    if more and set(_numbered(robot)) <= set(names):
+        raise ConfigError(f"{path}: it has a column {more[0]}, and {robot.name} has {robot.n} joints")
     wanted = {TIME, *robot.joint_names, *_numbered(robot)} & set(names)
     if twice := sorted(name for name in wanted if names.count(name) > 1):
         raise ConfigError(f"{path}: two columns are called {twice[0]}")
