@@ -387,6 +387,8 @@ class TrajectoryTask:
             self._trace.sampled(output.q, seen.q)
         if output.events:
             self.motions.notify(output.events, seen.q, tick)
+            if self.group is not None:
+                self.group.hear(self, output.events)
             if any(event.kind is EventKind.IDLE for event in output.events):
                 self.completed.signal()
         self.motions.update_progress(output)

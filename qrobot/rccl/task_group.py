@@ -7,14 +7,17 @@ arms that use it in the same sample. Arms that are no group are each other's str
 from __future__ import annotations
 
 import threading
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final, Protocol
 
 from qrobot.errors import MotionError
+from qrobot.motion import EventKind, Termination
+from qrobot.rccl.trace import reason_of
 from qrobot.wire.sequence import difference
 
 if TYPE_CHECKING:
-    from qrobot.motion import Goal, Trsf
+    from qrobot.motion import Goal, MotionEvent, Trsf
     from qrobot.rccl.task import TrajectoryTask
 
 
@@ -75,6 +78,7 @@ class TaskGroup:
         self.arms: dict[Trsf, TrajectoryTask] = {}
         self._tasks: list[TrajectoryTask] = []
         self._led_at: dict[TrajectoryTask, int] = {}  # the newest sample at which others led it
+        self._lost = ""  # an arm that could not stay with what it held, and why; until it is told
         self._stops: dict[TrajectoryTask, Goal] = {}  # stops to come, once what else carries the arm rests; from where
         self._shared: tuple[int, int] | None = None  # a sample, and its number on the clock that arms share
 
@@ -147,6 +151,23 @@ class TaskGroup:
         """
         self.leave(task)
         self.begin_stop(retreat_too=False)
+
+    def hear(self, task: TrajectoryTask, events: Iterable[MotionEvent]) -> None:
+        """An arm that can stay with its goal no longer rests, and so does all else: others may hold what it held."""
+        for event in events:
+            if event.kind is EventKind.LOST and event.code != Termination.STOPPED and (self._tasks[1:] or self.members):
+                of = f"of {event.request.name} " if event.request is not None else ""
+                why = f"{reason_of(event.code)}{f': {event.why}' if event.why else ''}"
+                told = (
+                    f"{task.td.name} cannot stay at the place {of}any more ({why}); all arms and objects come to rest"
+                )
+                self._lost = self._lost or told
+                self.begin_stop(retreat_too=False)
+
+    def take_lost(self) -> str:
+        """Words for the first arm that could not stay with its goal since they were taken; "" for none."""
+        lost, self._lost = self._lost, ""
+        return lost
 
     def begin_stop(self, retreat_too: bool = True) -> None:
         """Let all that moves together begin to come to rest.
@@ -227,8 +248,12 @@ class TaskGroup:
         return any(task.off_path for task in self._tasks)
 
     def waits_for_another(self, task: TrajectoryTask) -> bool:
-        """True while an arm other than that of `task` is off its path."""
-        return any(other.off_path for other in self._tasks if other is not task)
+        """True while an arm other than that of `task` is off its path.
+
+        Arms that are off their paths themselves go back one after the other, in the order in which they joined.
+        """
+        others = self._tasks[: self._tasks.index(task)] if task.off_path and task in self._tasks else self._tasks
+        return any(other.off_path for other in others if other is not task)
 
     def come_to_rest(self) -> None:
         """Let all that arms follow come to rest."""

@@ -15,19 +15,26 @@ from qrobot.errors import MotionError, ServoFault
 from qrobot.faultcodes import FaultCode
 from qrobot.model.transform import inverse
 from qrobot.multi_rccl import (
+    EQ,
+    TL,
+    TRANS,
     RobotManip,
     jposition,
     keep_path,
     kept,
+    make_position,
     move,
     rccl_control,
     rccl_open,
     rccl_release,
     resume,
     retract,
+    setvel,
     wait_as,
+    wait_for,
 )
 from qrobot.multi_rccl.program import _program
+from qrobot.rccl import gentr_rpy
 from qrobot.rccl.program import ending
 from qrobot.rci import VirtualLink
 from qrobot.wire import Mode
@@ -35,7 +42,7 @@ from tests.support.fake_robot import FakeRobot
 from tests.support.kept_path import ROUNDING, SLOW, fail
 from tests.support.puma import LIMITS, PARK, PERIOD_S
 from tests.support.puma import arm as puma
-from tests.support.two_hands import THERE, TOOL, WORLD, carry, reach
+from tests.support.two_hands import HERE, THERE, TOOL, WORLD, carry, reach
 
 NAMES = ("left", "right")
 
@@ -98,6 +105,55 @@ def test_two_hands_wait_with_what_they_carry_for_the_one_that_was_stopped_and_ca
     assert gentle(np.array(fakes["right"].path))
     first = np.abs(np.diff(after[: len(after) // 8], axis=0))
     assert first.size == 0 or (first <= SLOW).all()
+
+
+@pytest.mark.parametrize("first", NAMES)
+@pytest.mark.parametrize("way", ["stop", "fault"])
+def test_two_hands_that_were_both_stopped_go_back_one_after_the_other_and_carry_on(
+    fakes: dict[str, FakeRobot], way: str, first: str
+) -> None:
+    """As by the one emergency stop of their cell."""
+    obj, robots = reach()
+    for arm in robots:
+        keep_path(arm)
+    held = apart(*robots)
+    carry(obj)
+    begin = robots[0].channel.how.t_ns
+    wait_as(lambda: robots[0].channel.how.t_ns >= begin + 15 * PERIOD_S * 1e9)
+    for fake in fakes.values():
+        fail(fake, way)
+    wait_as(lambda: all(kept(arm) for arm in robots))
+    stopped = robots[0].channel.how.t_ns
+    wait_as(lambda: robots[0].channel.how.t_ns > stopped + 2e9)  # what they hold comes to rest
+    back = {name: len(fake.path) for name, fake in fakes.items()}
+    for arm in sorted(robots, key=lambda arm: arm.name != first):
+        resume(arm)
+        since = arm.channel.how.t_ns
+        wait_as(lambda arm=arm, since=since: arm.channel.how.t_ns > since + 1e9)
+    off = []
+    wait_as(lambda: off.append(np.abs(apart(*robots) - held).max()) or obj.completed.count)
+    assert np.abs(obj.trans.value - THERE.value).max() < ROUNDING
+    assert max(off[-20:]) < ROUNDING
+    assert all(gentle(np.array(fake.path[back[name] + 1 :])) for name, fake in fakes.items())
+
+
+def test_when_one_hand_cannot_stay_with_what_both_hold_the_other_one_stops_with_it_and_the_program_is_told(
+    fakes: dict[str, FakeRobot],
+) -> None:
+    obj, robots = reach()
+    held = apart(*robots)
+    setvel(obj, 100, 30)
+    move(obj, make_position(TRANS, EQ, gentr_rpy("FAR", 1100, 0, 0, 0, 170, 0), TL, TRANS))
+    with pytest.raises(MotionError, match=r"(left|right) cannot stay at the place .*all arms and objects come to rest"):
+        wait_for(obj.completed)
+    begin = robots[0].channel.how.t_ns
+    wait_as(lambda: robots[0].channel.how.t_ns > begin + 1e9)
+    rest = [np.array(fake.path[-2:]) for fake in fakes.values()]
+    assert all((path[0] == path[1]).all() for path in rest)
+    assert np.abs(apart(*robots) - held).max() < 0.05  # where the one that could go on was 0.4 m away
+    assert obj.trans.value[0, 3] < 1.0
+    move(obj, make_position(TRANS, EQ, HERE, TL, TRANS))  # and it goes on as it is told
+    wait_for(obj.completed)
 
 
 def test_an_arm_on_a_path_of_its_own_waits_on_it_and_one_that_keeps_no_path_ends_the_program_s_hold(
