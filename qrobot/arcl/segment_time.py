@@ -19,6 +19,7 @@ from qrobot.arcl.positions import Pos
 from qrobot.arrays import Floats
 from qrobot.model.transform import inverse, so3_log
 from qrobot.motion import (
+    TURN_PER_MM,
     ArmKinematics,
     Displacement,
     Duration,
@@ -65,32 +66,25 @@ def _fewest_samples(displacement: Displacement, limits: MotionLimits, period_s: 
 
 @dataclass(frozen=True, eq=False)
 class ToolTravel:
-    """The tool's tip takes its way at `linear` m/s and its turn at `angular` rad/s; the longer counts, 0 does not.
+    """The tool's tip takes its way at `linear` m/s and its turn at `angular` rad/s; the longer counts.
 
     Attributes:
         joint_goal: of a goal given by its joints: where they and the tool's tip will be.
-        joints: speed of the joints that is not exceeded either, where one of the two is 0.
     """
 
     linear: float
     angular: float
     joint_goal: JointGoal | None = None
-    joints: SpeedShare | None = None
 
-    def samples(self, displacement: Displacement, limits: MotionLimits, period_s: float) -> int:
+    def samples(self, displacement: Displacement, _limits: MotionLimits, period_s: float) -> int:
         """Samples, to the nearest."""
-        least = 1 if self.joints is None else self.joints.samples(displacement, limits, period_s)
-        return max(least, self._of_tool(displacement, period_s))
-
-    def _of_tool(self, displacement: Displacement, period_s: float) -> int:
         tool = displacement.tool
         if self.joint_goal is not None:
             tool = self.joint_goal.travel(displacement.joints)
         if tool is None:
             return 1
         parts = ((tool[:3], self.linear), (tool[3:], self.angular))
-        seconds = [float(np.linalg.norm(way)) / speed for way, speed in parts if speed > 0.0]
-        return whole_samples(max(seconds, default=0.0), period_s)
+        return whole_samples(max(float(np.linalg.norm(way)) / speed for way, speed in parts), period_s)
 
 
 @dataclass(frozen=True)
@@ -134,8 +128,8 @@ def _tseg(options: MotionOptions, pos: Pos, kinematics: ArmKinematics) -> Motion
         goal = None
         if isinstance(pos.target, np.ndarray):
             goal = JointGoal(kinematics, pos.target, np.eye(4) if pos.tool is None else pos.tool.value)
-        joints = SpeedShare(options.share * 0.01) if min(options.vt, options.vr) <= 0.0 else None
-        return ToolTravel(options.vt * M_PER_MM, options.vr * RAD_PER_DEG, goal, joints)
+        vt, vr = options.vt or options.vr / TURN_PER_MM, options.vr or options.vt * TURN_PER_MM
+        return ToolTravel(vt * M_PER_MM, vr * RAD_PER_DEG, goal)
     if options.speed_by is SpeedBy.JOINT:
         return JointTravel(options.jvel)
     return SpeedShare(options.share * 0.01)

@@ -64,11 +64,11 @@ def up(
 
 def _check(arm: DeployedArm, deployment: str, reduced_speed: bool) -> None:
     """Raise a QRobotError where an arm could not be started."""
-    from qrobot.cli.servo_settings import servo_settings  # kernels: half a second
+    from qrobot.cli.servo_settings import refuse_emulated_table, servo_settings  # kernels: half a second
     from qrobot.rig.deployed import require_free_port
 
     robot_of_arm(arm)
-    servo_settings(arm, reduced_speed=reduced_speed)
+    refuse_emulated_table(arm, servo_settings(arm, reduced_speed=reduced_speed).calibration)
     neighbours_of_arm(arm, deployment)
     require_free_port(arm)
     if arm.log.directory:

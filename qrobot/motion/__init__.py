@@ -16,6 +16,7 @@ from qrobot.motion.generator import Generator
 from qrobot.motion.path.blend import Blend, Correction
 from qrobot.motion.request import (
     HERE,
+    TURN_PER_MM,
     Displacement,
     Duration,
     JointSpeed,
@@ -43,6 +44,7 @@ __all__ = [
     "FULL_SPEED",
     "HERE",
     "T6",
+    "TURN_PER_MM",
     "ArmKinematics",
     "ArmSample",
     "Blend",

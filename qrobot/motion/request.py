@@ -21,6 +21,7 @@ from qrobot.motion.world.drive_transform import OrientationInterpolation
 from qrobot.motion.world.equation import Goal
 from qrobot.motion.world.limits import MotionLimits
 
+TURN_PER_MM: Final = 0.5  # [A] degrees/s for each mm/s, where one speed is asked for and the other is not
 _MOST_SAMPLES: Final = 1e9  # [A] of a motion: eleven days of a millisecond each
 _ROUNDING: Final = 1e-9  # in samples: a time that is a whole number of them stays that number
 

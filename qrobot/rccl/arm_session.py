@@ -138,6 +138,8 @@ class ArmSession:
             last = failures[before]
             del failures[before:]
             raise MotionError(f"{self._name}: the program has ended, but not all its motions were done: {last}")
+        if group is not None and (lost := group.take_lost()):
+            raise MotionError(f"the program has ended, but not all its motions were done: {lost}")
 
     def release(self, power_off: bool) -> None:
         """Bring the arm to rest, let go of it and close the link; a second call does nothing.

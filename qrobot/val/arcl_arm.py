@@ -39,8 +39,9 @@ from qrobot.config import Robot
 from qrobot.errors import LinkError, QRobotError
 from qrobot.model.arm import Arm
 from qrobot.model.transform import inverse
+from qrobot.motion import TURN_PER_MM
 from qrobot.units import S_PER_MS
-from qrobot.val.arm import TURN_PER_MM, Destination
+from qrobot.val.arm import Destination
 from qrobot.val.library_arm import LibraryArm, MotionUnderWay
 
 STOP_MS: Final = 1  # as soon as the arm can

@@ -8,7 +8,6 @@ from typing import Final, Protocol
 from qrobot.arrays import Floats
 from qrobot.config import Robot
 
-TURN_PER_MM: Final = 0.5  # degrees/s for each mm/s of a SPEED in MMPS [A]
 SETTLING_S: Final = 0.15  # the servo has then come after its last setpoints [A]
 
 

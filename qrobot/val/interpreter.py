@@ -248,6 +248,8 @@ class Interpreter:
         except KeyboardInterrupt:
             self._pause_on_way_back()
             raise
+        if arm.kept:
+            arm.pause()  # as in `_turn`
 
     def _pause_on_way_back(self) -> None:
         """Let the arm stand still on its way, and wait until it does; another Ctrl-C meanwhile changes nothing.
@@ -255,8 +257,7 @@ class Interpreter:
         One that has come to its path just now rests there, with its motions unfinished.
         """
         arm = self.machine.arm
-        if not arm.kept:
-            arm.pause()
+        arm.pause()
         until_s = arm.time_s + STANDSTILL_S
         while arm.off_path and arm.time_s < until_s:
             with suppress(KeyboardInterrupt):
@@ -437,7 +438,6 @@ class Interpreter:
             try:
                 self._call_reaction(task, Watch(task.on_error, task.priority, True))
                 task.on_error, self.message = "", str(told)
-                self.machine.hand_at_next = None  # of the motion that cannot be done
                 return
             except ProgramError as refusal:
                 told = ProgramError(f"{told}; and REACTE: {refusal}")

@@ -236,7 +236,7 @@ class ValMonitor:
         self._machine.load(source)
         told = f"{len(source.programs)} programs, {len(source.locations)} locations, {len(source.numbers)} numbers"
         if self._run.unfinished and (begun := sorted(changed & self._begun())):
-            told += f"; what was begun of {', '.join(begun)} goes on as it was, the new text counts from EXECUTE on"
+            told += f"; what was begun of {', '.join(begun)} goes on as it was, the new text counts when it begins anew"
         return told
 
     def _begun(self) -> set[str]:

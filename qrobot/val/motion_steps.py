@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from qrobot.errors import ProgramError
+from qrobot.errors import ProgramError, QRobotError
 from qrobot.model.transform import transform
 from qrobot.units import M_PER_MM, RAD_PER_DEG
 from qrobot.val import number_ranges, tree
@@ -53,7 +53,12 @@ def _go(
 ) -> Waits:
     """Queue a motion, and wait until it begins: then the arm has passed the place before it."""
     machine, arm = run.machine, run.machine.arm
-    machine.go(name, location, straight, per_cent)
+    try:
+        machine.go(name, location, straight, per_cent)
+    except QRobotError:
+        if run.task is not None and run.task.on_error:  # REACTE's program leads out of it, with the hand as it is
+            machine.hand_at_next = None
+        raise
     yield lambda: arm.waiting == 0
     if (hand := machine.hand_at_next) is not None:
         machine.hand_at_next = None

@@ -7,11 +7,11 @@ from typing import Final
 import numpy as np
 
 from qrobot.arrays import Floats
-from qrobot.motion import Termination
+from qrobot.motion import TURN_PER_MM, Termination
 from qrobot.rccl import EQ, TL, Channel, Position, const, makeposition, t6
 from qrobot.rccl.transforms import made_transform
 from qrobot.units import DEG_PER_RAD, S_PER_MS
-from qrobot.val.arm import TURN_PER_MM, Destination
+from qrobot.val.arm import Destination
 from qrobot.val.library_arm import LibraryArm, MotionUnderWay
 from qrobot.wire import JointMode
 

@@ -30,11 +30,12 @@ from qrobot.multi_rccl import (
     resume,
     retract,
     setvel,
+    tracking_mode,
     wait_as,
     wait_for,
 )
 from qrobot.multi_rccl.program import _program
-from qrobot.rccl import gentr_rpy
+from qrobot.rccl import Transform, gentr_rpy, newtrans, rot, zunit
 from qrobot.rccl.program import ending
 from qrobot.rci import VirtualLink
 from qrobot.wire import Mode
@@ -154,6 +155,42 @@ def test_when_one_hand_cannot_stay_with_what_both_hold_the_other_one_stops_with_
     assert obj.trans.value[0, 3] < 1.0
     move(obj, make_position(TRANS, EQ, HERE, TL, TRANS))  # and it goes on as it is told
     wait_for(obj.completed)
+
+
+def test_a_program_that_ends_without_a_look_is_told_of_the_hand_that_was_lost(fakes: dict[str, FakeRobot]) -> None:
+    obj, robots = reach()
+    setvel(obj, 100, 30)
+    move(obj, make_position(TRANS, EQ, gentr_rpy("FAR", 1100, 0, 0, 0, 170, 0), TL, TRANS))
+    with pytest.raises(MotionError, match=r"the program has ended, .* cannot stay at the place"):
+        robots[0].channel.finish()
+
+
+def test_a_hand_that_is_lost_does_not_give_up_the_path_that_another_arm_keeps(fakes: dict[str, FakeRobot]) -> None:
+    arms, turned = [rccl_open(name) for name in NAMES], [0.0]
+
+    def turn(t: Transform) -> None:
+        turned[0] += 1.0
+        rot(t, zunit, turned[0])
+
+    for arm in arms:
+        rccl_control(arm)
+    keep_path(arms[0])
+    tracking_mode(arms[1])
+    here = newtrans("HERE", "const")
+    here.set(puma().forward(PARK))
+    stays = make_position(TRANS, EQ, newtrans("TURN", turn), here, TL, TRANS)
+    move(arms[1], stays)
+    wait_as(lambda: stays.code == -1)
+    goal = jposition(arms[0], "END", (np.degrees(PARK) + np.array([40.0, 0, 0, 0, 0, 0])).tolist())
+    move(arms[0], goal)
+    wait_as(lambda: goal.scal > 0.1)
+    fail(fakes["left"], "fault")
+    with pytest.raises(MotionError, match="right cannot stay at the place"):
+        wait_as(lambda: False)
+    assert kept(arms[0])
+    resume(arms[0])
+    wait_as(lambda: arms[0].completed.count)
+    assert goal.code == -1
 
 
 def test_an_arm_on_a_path_of_its_own_waits_on_it_and_one_that_keeps_no_path_ends_the_program_s_hold(

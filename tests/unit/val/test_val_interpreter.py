@@ -257,6 +257,16 @@ def test_what_an_operator_confirms_does_not_move_an_arm_whose_program_is_paused(
                 arm.sample()
         assert fake.q == stands
         assert arm.off_path
+        begin = fake.seq  # once more, on the way back
+        fake.q = tuple(np.array(fake.q) - 0.02)
+        assert run.proceed() is RunState.PAUSED
+        stands = fake.q
+        for paused in (True, False):
+            fake.paused = paused
+            for _ in range(400):
+                arm.sample()
+        assert fake.q == stands
+        fake.before_period = lambda _: None
         assert run.proceed() is RunState.COMPLETED, run.message
         assert run.machine.frame("here")[:3, 3] == pytest.approx([0.450, -0.150, 0.0], abs=1e-6)
 
@@ -287,6 +297,15 @@ def test_what_counts_for_a_program_is_no_step_to_be_typed(step: str) -> None:
             with pytest.raises(ProgramError, match="counts for the rest of a program"):
                 run.do(step)
             run.execute("main")
+
+
+def test_an_error_of_no_motion_leaves_the_hand_for_the_next_one() -> None:
+    lines = "REACTE r", "MOVE a", "CLOSE", "x = 1/0", "DEPARTS 20"
+    with interpreter(main_program(*lines, rest=".PROGRAM r\ny = 1\n.END\n" + PLACES)) as (run, _):
+        hands: list[bool] = []
+        run.machine.arm.hand = hands.append  # type: ignore[method-assign]
+        assert run.execute("main") is RunState.COMPLETED, run.message
+        assert hands == [False]
 
 
 @pytest.mark.parametrize("library", ["rccl", "arcl"])
