@@ -123,6 +123,11 @@ class Client:
         state, self._state = self._state, None
         return state
 
+    @property
+    def has_state(self) -> bool:
+        """A STATE has come that was not handed out yet."""
+        return self._state is not None
+
     def silence(self) -> LinkTimeout:
         """The error for a server that says nothing any more; it repeats the server's last complaint."""
         complaint = f"; its last words: {self.warning}" if self.warning else ""

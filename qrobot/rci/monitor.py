@@ -190,7 +190,7 @@ class Monitor:
 
     def hear(self, descriptors: Iterable[int]) -> None:
         """Wake the tasks whose robots or devices have something to say."""
-        sources = self.sources
+        sources, robots = self.sources, set(self.heard)
         for descriptor in descriptors:
             runner = sources.get(descriptor)
             if runner is None:
@@ -198,7 +198,14 @@ class Monitor:
             if runner.device == descriptor:
                 self.wake_by_function(runner)
             else:
-                runner.wake()
+                robots.add(runner)
+        for runner in robots:
+            runner.wake()
+
+    @property
+    def heard(self) -> list[TaskRunner]:
+        """Tasks whose robots have said something that no descriptor tells of any more."""
+        return [runner for runner in self.attached if runner.port is not None and runner.port.has_state]
 
     def hear_devices(self) -> None:
         """Wake the tasks whose devices can be read now, on virtual time."""

@@ -72,6 +72,8 @@ class ProcessorLoop:
     @property
     def _patience_s(self) -> float | None:
         monitor, now_ns = self.monitor, self._clock.now_ns()
+        if monitor.heard:
+            return 0.0
         tick = self._clock.tick_at(now_ns) + 1 if monitor.waits_for_functions else monitor.next_tick
         if tick is not None:
             return min(max(0, self._clock.time_of(tick) - now_ns) / NS_PER_S, LOOK_S)

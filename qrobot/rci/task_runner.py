@@ -75,6 +75,11 @@ class RobotExchange:
             raise ConfigError("a robot on virtual time cannot be had in real time")
         return self.link.fileno()
 
+    @property
+    def has_state(self) -> bool:
+        """See `TcpLink`; false on virtual time."""
+        return isinstance(self.link, TcpLink) and self.link.has_state
+
     def send(self, command: Command) -> None:
         """Answer it. Raises LinkError."""
         if isinstance(self.link, TcpLink):

@@ -200,6 +200,11 @@ class TcpLink:
         """Descriptor of the socket, which becomes readable when a STATE comes. Raises LinkLost: it is closed."""
         return self._open_socket.fileno()
 
+    @property
+    def has_state(self) -> bool:
+        """A STATE waits to be handed out, of which the descriptor tells nothing: it came together with the WELCOME."""
+        return self._client.has_state
+
     def take_servo_loss(self) -> ServoLoss:
         """See `Link.take_servo_loss`."""
         loss, self._client.servo_loss = self._client.servo_loss, ServoLoss.NONE

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+import select
+import socket
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -53,6 +55,33 @@ def task(name: str, control, interval: int | None = None, offset: int = 0) -> Ta
 def endless(_: TaskDescriptor) -> None:
     while True:
         pass
+
+
+class EagerRobot(SocketRobot):
+    """Its greeting and its first STATE come in one piece, and it says nothing more before it was answered."""
+
+    def _talk(self, near: socket.socket) -> None:
+        if not select.select([near], [], [], 0.0)[0]:
+            return
+        data = near.recv(1 << 16)
+        if not data:
+            self.hang_up()
+        near.sendall(self.robot.hear(data) + self.robot.tell())
+
+
+def test_a_robot_whose_first_state_comes_with_its_greeting_is_heard() -> None:
+    robot = FakeRobot(START)
+    with (
+        EagerRobot(robot) as server,
+        rci.use(lambda hello: TcpLink(hello, ("test", 0), lambda _: server.socket), virtual_time=False),
+    ):
+        rci.rci_close()
+        rci.rci_robot("arm", "puma560")
+        td = task("arm", lambda _: None)
+        rci.rci_start(td.bit)
+        assert td.state is TaskState.ACTIVE
+        assert robot.mode is Mode.TRACKING
+        rci.rci_close()
 
 
 def test_tasks_on_one_clock_are_woken_in_step_however_late_they_run() -> None:
