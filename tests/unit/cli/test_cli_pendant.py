@@ -12,6 +12,7 @@ import pytest
 
 from qrobot.cli.console import run_app
 from qrobot.cli.main import make_app
+from qrobot.config.deployment import DeployedArm
 from qrobot.pendant import server
 from tests.support.patience import PATIENCE_S, wait_until
 from tests.support.processes import write_deployment
@@ -54,3 +55,26 @@ def test_what_goes_wrong_is_told_without_waiting_for_a_terminal(
     assert run_app(make_app("pendant"), ["pendant", "--deployment", deployment, "--port", "0", "--taught", taught]) == 0
     assert done == ["pages"]
     assert told[1:] == ["the watch failed", "pendant: RuntimeError: no room"]
+
+
+@pytest.mark.parametrize(
+    ("words", "files"),
+    [
+        ([], {"left": "cell-left.db", "right": "cell-right.db"}),
+        (["--arm", "right"], {"right": "cell-right.db"}),  # the same file as beside the other one
+    ],
+)
+def test_arms_of_one_deployment_have_their_own_files_of_places(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, words: list[str], files: dict[str, str]
+) -> None:
+    found: dict[str, Path] = {}
+
+    def add(_floor: object, arm: DeployedArm, taught: Path, _programs: object) -> None:
+        found[arm.name] = taught
+
+    monkeypatch.setattr("qrobot.cli.pendant._add_station", add)
+    monkeypatch.setattr("qrobot.pendant.server.serve", lambda _app, listener, _began: listener.close())
+    taught = str(tmp_path / "cell.db")
+    command = ["pendant", "--deployment", "two_arms", "--port", "0", "--taught", taught, *words]
+    assert run_app(make_app("pendant"), command) == 0
+    assert found == {arm: tmp_path / file for arm, file in files.items()}
