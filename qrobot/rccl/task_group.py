@@ -155,7 +155,7 @@ class TaskGroup:
         self.begin_stop(retreat_too=False)
 
     def hear(self, task: TrajectoryTask, events: Iterable[MotionEvent]) -> None:
-        """An arm that can stay with its goal no longer rests, and so does all else: others may hold what it held."""
+        """Let all come to rest where an arm cannot stay with its goal any more: others may hold what it held."""
         for event in events:
             if event.kind is EventKind.LOST and event.code != Termination.STOPPED and (self._tasks[1:] or self.members):
                 of = f"of {event.request.name} " if event.request is not None else ""
