@@ -30,8 +30,8 @@ class Attribute(IntEnum):
     MOV_TRAJ = 101  # sticky: TRAJ_JOINT or TRAJ_CART
     MOV_TIME = 102  # Tseg, ms
     MOV_TACC = 103  # sticky: Ta, ms, half the time of the transition into the motion
-    MOV_VT = 104  # sticky: speed of the tool, mm/s; 0 does not count
-    MOV_VR = 105  # sticky: turning speed of the tool, degrees/s; 0 does not count
+    MOV_VT = 104  # sticky: speed of the tool, mm/s; 0: as it goes with MOV_VR
+    MOV_VR = 105  # sticky: turning speed of the tool, degrees/s; 0: as it goes with MOV_VT
     MOV_JVEL = 106  # sticky: speed of the fastest joint, degrees/s (mm/s)
     MOV_SHARE = 107  # sticky: of its own limit that the busiest joint uses, per cent
     MOV_CONFIG = 108  # configuration at the goal, as in "lun"

@@ -152,11 +152,14 @@ def _make_table(arm: DeployedArm, path: Path, form: TableFormat, as_json: bool) 
             "as the board vendor's driver does; name that file as `calibration_table`"
         )
     from qrobot.rig.table_maker import make_table
-    from qrobot.servo.calibration.table import EMULATED, write_table
+    from qrobot.servo.calibration.table import EMULATED, is_emulated, write_table
     from qrobot.sim_board.deployed import board_options
     from qrobot.sim_board.emulator import Emulator
 
-    _refuse_measured(path, EMULATED)
+    if (kept := _text_of(path)).strip() and not is_emulated(kept):  # it may have been measured, and is the only one
+        raise ConfigError(
+            f"{path} does not say that it is an emulated arm's: it is not written over, name another file"
+        )
     robot, choice = robot_of_arm(arm), arm.board
     options = board_options(choice, robot)
     emulator = Emulator(robot, options=options, seed=choice.seed, physics="rigid")
@@ -172,13 +175,9 @@ def _make_table(arm: DeployedArm, path: Path, form: TableFormat, as_json: bool) 
     return SUCCESS
 
 
-def _refuse_measured(path: Path, emulated: str) -> None:
-    """Raise ConfigError where a table is that may have been measured on a real arm: nothing makes it anew."""
+def _text_of(path: Path) -> str:
+    """Text of a file, "" where there is none. Raises ConfigError."""
     try:
-        kept = path.read_text(encoding="ascii", errors="replace") if path.exists() else emulated
+        return path.read_text(encoding="ascii", errors="replace") if path.exists() else ""
     except OSError as error:
         raise ConfigError(f"{path}: {error.strerror}") from error
-    if kept.strip() and emulated not in kept:
-        raise ConfigError(
-            f"{path} does not say that it is an emulated arm's: it is not written over, name another file"
-        )

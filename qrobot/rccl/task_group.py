@@ -164,14 +164,14 @@ class TaskGroup:
                     f"{task.td.name} cannot stay at the place {of}any more ({why}); all arms and objects come to rest"
                 )
                 self._lost = self._lost or told
-                self.begin_stop(retreat_too=False, kept_too=False)
+                self.begin_stop(off_path_too=False)
 
     def take_lost(self) -> str:
         """Words for the first arm that could not stay with its goal since they were taken; "" for none."""
         lost, self._lost = self._lost, ""
         return lost
 
-    def begin_stop(self, retreat_too: bool = True, kept_too: bool = True) -> None:
+    def begin_stop(self, retreat_too: bool = True, off_path_too: bool = True) -> None:
         """Let all that moves together begin to come to rest.
 
         An arm that frames or other arms carry rests with those; if it moves by itself besides, it stops then. Arms that
@@ -179,12 +179,12 @@ class TaskGroup:
 
         Args:
             retreat_too: an arm that goes back from what it met stops as well.
-            kept_too: an arm that is off a path which it keeps gives that up.
+            off_path_too: an arm that is off its path stops as well, and gives a path up that it keeps.
         """
         self.come_to_rest()
         carried = {task: self.carriers(task) for task in self._tasks if self._rests_with_others(task)}
         for task in self._tasks:
-            if task.off_path and not kept_too:
+            if task.off_path and not off_path_too:
                 continue  # it stands, or goes on alone
             if task not in carried:
                 task.stop(retreat_too=retreat_too)

@@ -70,7 +70,7 @@ class Interpreter:
         self.task: ValTask | None = None
         self.beside: list[ValTask] = []
         self._unfinished: list[Destination] = []
-        self._single = self._single_begun = False
+        self._single = self._single_begun = self._halts = False
         self._failed: ValTask | None = None  # whose step it was that failed
 
     # ------------------------------------------------------------------------------------------------------- commands

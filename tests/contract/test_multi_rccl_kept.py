@@ -35,7 +35,7 @@ from qrobot.multi_rccl import (
     wait_for,
 )
 from qrobot.multi_rccl.program import _program
-from qrobot.rccl import Transform, gentr_rpy, newtrans, rot, zunit
+from qrobot.rccl import gentr_rpy
 from qrobot.rccl.program import ending
 from qrobot.rci import VirtualLink
 from qrobot.wire import Mode
@@ -43,6 +43,7 @@ from tests.support.fake_robot import FakeRobot
 from tests.support.kept_path import ROUNDING, SLOW, fail
 from tests.support.puma import LIMITS, PARK, PERIOD_S
 from tests.support.puma import arm as puma
+from tests.support.rccl_table import turning_from_park
 from tests.support.two_hands import HERE, THERE, TOOL, WORLD, carry, reach
 
 NAMES = ("left", "right")
@@ -166,19 +167,12 @@ def test_a_program_that_ends_without_a_look_is_told_of_the_hand_that_was_lost(fa
 
 
 def test_a_hand_that_is_lost_does_not_give_up_the_path_that_another_arm_keeps(fakes: dict[str, FakeRobot]) -> None:
-    arms, turned = [rccl_open(name) for name in NAMES], [0.0]
-
-    def turn(t: Transform) -> None:
-        turned[0] += 1.0
-        rot(t, zunit, turned[0])
-
+    arms = [rccl_open(name) for name in NAMES]
     for arm in arms:
         rccl_control(arm)
     keep_path(arms[0])
     tracking_mode(arms[1])
-    here = newtrans("HERE", "const")
-    here.set(puma().forward(PARK))
-    stays = make_position(TRANS, EQ, newtrans("TURN", turn), here, TL, TRANS)
+    stays = make_position(TRANS, EQ, *turning_from_park(), TL, TRANS)
     move(arms[1], stays)
     wait_as(lambda: stays.code == -1)
     goal = jposition(arms[0], "END", (np.degrees(PARK) + np.array([40.0, 0, 0, 0, 0, 0])).tolist())

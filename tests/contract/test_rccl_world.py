@@ -16,7 +16,7 @@ from qrobot.rci import VirtualLink
 from qrobot.wire import Mode
 from tests.support.fake_robot import FakeRobot
 from tests.support.puma import LIMITS, PARK, PERIOD_S, arm
-from tests.support.rccl_table import TABLE, TIP, on_table, programmed
+from tests.support.rccl_table import TABLE, TIP, on_table, programmed, turning_from_park
 
 DONE = Termination.COMPLETED
 
@@ -225,15 +225,7 @@ def test_an_arm_that_follows_a_frame_is_brought_to_rest_before_it_is_released(ro
 
 
 def test_a_goal_that_turns_a_joint_to_its_limit_is_lost_and_the_position_names_that_joint(robot) -> None:
-    turned = [0.0]
-
-    def turn(t: rccl.Transform) -> None:
-        turned[0] += 1.0
-        rccl.rot(t, rccl.zunit, turned[0])
-
-    here = newtrans("HERE", "const")
-    here.set(arm().forward(PARK))
-    p = rccl.makeposition("P", rccl.t6, rccl.EQ, newtrans("TURN", turn), here, rccl.TL, rccl.t6)
+    p = rccl.makeposition("P", rccl.t6, rccl.EQ, *turning_from_park(), rccl.TL, rccl.t6)
     rccl.move(p)
     rccl.waitas(lambda: p.code < DONE)
     assert p.code == Termination.JOINT_LIMIT
@@ -242,15 +234,7 @@ def test_a_goal_that_turns_a_joint_to_its_limit_is_lost_and_the_position_names_t
 
 
 def test_a_position_that_was_dropped_does_not_hear_what_became_of_the_one_that_the_arm_stayed_with(robot) -> None:
-    turned = [0.0]
-
-    def turn(t: rccl.Transform) -> None:
-        turned[0] += 1.0
-        rccl.rot(t, rccl.zunit, turned[0])
-
-    here = newtrans("HERE", "const")
-    here.set(arm().forward(PARK))
-    p = rccl.makeposition("P", rccl.t6, rccl.EQ, newtrans("TURN", turn), here, rccl.TL, rccl.t6)
+    p = rccl.makeposition("P", rccl.t6, rccl.EQ, *turning_from_park(), rccl.TL, rccl.t6)
     q = on_table("Q")
     rccl.move(p)
     rccl.waitas(lambda: p.code == DONE)

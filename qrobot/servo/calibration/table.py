@@ -156,8 +156,12 @@ def parse_table(text: str, label: str) -> CalibrationTable:
     for joint, joint_rows in enumerate(rows, 1):
         _check_rows(np.array(joint_rows, dtype=np.int64).reshape(-1, 2), f"{label}: joint {joint}")
     arrays = [np.array(joint_rows, dtype=np.int64) for joint_rows in rows]
-    emulated = any(line.startswith("#") and EMULATED in line for line in lines)
-    return CalibrationTable(tuple(a[:, 0] for a in arrays), tuple(a[:, 1] for a in arrays), emulated)
+    return CalibrationTable(tuple(a[:, 0] for a in arrays), tuple(a[:, 1] for a in arrays), is_emulated(text))
+
+
+def is_emulated(text: str) -> bool:
+    """Whether the text of a table says that it is an emulated arm's."""
+    return any(line.startswith("#") and EMULATED in line for line in text.splitlines())
 
 
 def _has_words(line: str) -> bool:

@@ -247,25 +247,19 @@ def test_what_an_operator_confirms_does_not_move_an_arm_whose_program_is_paused(
     with faked_arm(fake, library) as arm:
         run = Interpreter(arm)
         run.machine.load(read_source(main_program("MOVE a", "MOVES b", rest=PLACES))[0])
-        begin = fake.seq
+        begin = 0
         fake.before_period = lambda seq: fake.break_down(FaultCode.ESTOP) if seq == begin + 25 else None
-        assert run.execute("main") is RunState.PAUSED
-        stands = fake.q
-        for paused in (True, False):
-            fake.paused = paused
-            for _ in range(400):
-                arm.sample()
-        assert fake.q == stands
-        assert arm.off_path
-        begin = fake.seq  # once more, on the way back
-        fake.q = tuple(np.array(fake.q) - 0.02)
-        assert run.proceed() is RunState.PAUSED
-        stands = fake.q
-        for paused in (True, False):
-            fake.paused = paused
-            for _ in range(400):
-                arm.sample()
-        assert fake.q == stands
+        for go_on in (lambda: run.execute("main"), run.proceed):  # the second time it is stopped on the way back
+            begin = fake.seq
+            assert go_on() is RunState.PAUSED
+            stands = fake.q
+            for paused in (True, False):
+                fake.paused = paused
+                for _ in range(400):
+                    arm.sample()
+            assert fake.q == stands
+            assert arm.off_path
+            fake.q = tuple(np.array(fake.q) - 0.02)
         fake.before_period = lambda _: None
         assert run.proceed() is RunState.COMPLETED, run.message
         assert run.machine.frame("here")[:3, 3] == pytest.approx([0.450, -0.150, 0.0], abs=1e-6)
