@@ -34,7 +34,7 @@ Everybody may look.
 
 PATH_WAITS: Final = (
     "A program waits to go back to its path: put right what stopped the arm, look that nothing is in between, "
-    "then `qrobot ctl resume`."
+    "then `qrobot ctl resume`; a program in VAL goes on by PROCEED at its terminal alone."
 )
 _LAW: Final = f"{LAW_NAMES}."
 

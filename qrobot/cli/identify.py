@@ -102,7 +102,7 @@ def record(
     deployment
         Deployment file, or the name of a packaged one.
     output
-        The log to write (.mcap); with --go a new one.
+        The log to write (.mcap); with --go a new one, and with --lockstep none of a running arm.
     arm
         Which arm of the file; may be left out when there is only one.
     lockstep

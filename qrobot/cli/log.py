@@ -327,7 +327,7 @@ def record(
     keep_gigabytes
         Remove the oldest files of the arm's logs when all together would be more, overriding the file's keep_gb.
     plant
-        What the log shall say of the plant, overriding the file.
+        What the log of an emulated arm shall say of the plant, overriding the file.
     """
     from qrobot.cli.arms import choose_arm, plant_of_arm, robot_of_arm, tool_of_arm
     from qrobot.config import deployment_path, robot_path
@@ -341,6 +341,11 @@ def record(
     from qrobot.realtime.startup_order import await_turn
 
     chosen = choose_arm(deployment, arm)
+    if plant is not None and bool(plant) != chosen.board.emulated:
+        kind = (
+            "an emulated arm, whose log names one" if chosen.board.emulated else "a real arm, whose log tells of none"
+        )
+        raise ConfigError(f"--plant {plant!r}: {chosen.name} is {kind}")
     robot = robot_of_arm(chosen)
     await_turn()
     attachments = attach_files([robot_path(chosen.robot), deployment_path(deployment)])

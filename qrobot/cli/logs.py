@@ -26,14 +26,12 @@ def first_parts(files: Sequence[Path]) -> list[Path]:
 
 def _part_before(file: Path) -> Path | None:
     """File of the part before, by what a later part of a log says of itself; None of a first one."""
-    from qrobot.log.mcap_scan import PartScan
+    from qrobot.log.mcap_scan import header_of_part
 
     try:
-        scan = PartScan(file)
-        scan.take_head()
+        header = header_of_part(file)
     except LogError:
         return None
-    header = scan.found.header
     return None if header is None or header.part == 1 else part_beside(file, header.part, header.part - 1)
 
 

@@ -149,25 +149,27 @@ def _tell(path: Path, attempt: Callable[[Path], None]) -> None:
 
 
 def _refuse_recorded(path: Path) -> None:
-    parts = (path, part_path(path, 2)) if path.suffix == ".mcap" else ()
-    if any(part.is_file() and part.stat().st_size for part in parts):
+    if path.suffix == ".mcap" and _parts_written(path):
         raise OSError("it is a recording already, name another file")
 
 
 def _try_log(path: Path) -> None:
     from qrobot.log.header import LOCKSTEP
-    from qrobot.log.mcap_scan import PartScan
+    from qrobot.log.mcap_scan import header_of_part
 
     _try_file(path)
-    if not path.is_file() or not path.stat().st_size:
-        return
-    try:
-        scan = PartScan(path)
-        scan.take_head()
-    except LogError as error:
-        raise OSError(f"{error}; name another file") from None
-    if scan.found.header is None or scan.found.header.clock != LOCKSTEP:
-        raise OSError("it is the recording of a running arm, name another file")
+    for part in _parts_written(path):
+        try:
+            header = header_of_part(part)
+        except LogError as error:
+            raise OSError(f"{error}; name another file") from None
+        if header is None or header.clock != LOCKSTEP:
+            raise OSError("it is the recording of a running arm, name another file")
+
+
+def _parts_written(path: Path) -> list[Path]:
+    """Parts with something in them of the log that begins at `path`: the first may have been removed."""
+    return [part for part in (path, part_path(path, 2)) if part.is_file() and part.stat().st_size]
 
 
 def _try_file(path: Path) -> None:

@@ -60,7 +60,7 @@ LogOption = Annotated[
     OutputLog | None,
     Parameter(
         help="With --lockstep: log of every cycle to write, a file (.mcap) or a folder for one; a running arm has its "
-        "own."
+        "own, over which nothing is written."
     ),
 ]
 RecordOption = Annotated[

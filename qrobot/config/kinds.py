@@ -1,4 +1,4 @@
-"""Kind of a file, told by its contents: for complaints about a file that was given in another one's place."""
+"""Kind of a file, told by its contents: for complaints about one given, or to be written over, in another's place."""
 
 from __future__ import annotations
 

@@ -130,6 +130,13 @@ class PartScan:
         return again.rows
 
 
+def header_of_part(path: Path) -> LogHeader | None:
+    """The header of one file, None where it has none. Raises LogError: it cannot be read, or is no MCAP file."""
+    scan = PartScan(path)
+    scan.take_head()
+    return scan.found.header
+
+
 def scan_file(path: Path) -> Contents:
     """Contents of one file: every whole chunk of it.
 

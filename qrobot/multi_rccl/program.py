@@ -64,10 +64,16 @@ class ManipProgram:
         """Its arms under control."""
         return [manip for manip in self.manips if isinstance(manip, RobotManip) and manip.on]
 
-    def look(self, happened: Callable[[], bool], what: str) -> bool:
-        """Whether it has happened. Raises what has ended control of an arm, and MotionError when nothing can happen."""
+    def _check(self) -> None:
+        """Raise what has ended control of an arm, and once, MotionError, that one could not stay with its goal."""
         for manip in self.manips:
             manip.check()
+        if lost := self.group.take_lost():
+            raise MotionError(lost)
+
+    def look(self, happened: Callable[[], bool], what: str) -> bool:
+        """Whether it has happened. Raises what has ended control of an arm, and MotionError when nothing can happen."""
+        self._check()
         if happened():
             return True
         if what and not any(manip.eventful for manip in self.manips):
@@ -76,8 +82,7 @@ class ManipProgram:
 
     def wait(self, happened: Callable[[], bool], what: str = "") -> None:
         """Let time pass until something has happened. Raises what `look` does, and LinkError without an arm."""
-        for manip in self.manips:
-            manip.check()
+        self._check()
         if not self.robots:
             raise LinkError(
                 "no arm is under control; call rccl_control first: time passes for object frames only beside an arm"

@@ -134,11 +134,9 @@ class RobotManip(Manip):
         self.channel.nextmove(code)
 
     def check(self) -> None:
-        """See `Manip.check`. Raises MotionError, once: an arm could not stay with its goal any more."""
+        """See `Manip.check`."""
         if self._channel is not None and self.on:
             self._channel.check()
-        if lost := self._group.take_lost():
-            raise MotionError(lost)
 
     def move(self, position: Position) -> None:
         """See `Manip.move`."""

@@ -8,7 +8,6 @@ fades out on the way.
 
 from __future__ import annotations
 
-import math
 from collections import deque
 from collections.abc import Callable
 from typing import Final
@@ -19,7 +18,7 @@ from numpy.polynomial import Chebyshev
 from qrobot.arrays import Floats
 from qrobot.errors import LinkError, ServoFault
 from qrobot.faultcodes import FaultCode
-from qrobot.motion.kept.way_back import ToolPose
+from qrobot.motion.kept.way_back import ToolPose, WayBackLimit
 from qrobot.motion.trajectory.setpoint_player import SetpointPlayer
 from qrobot.motion.world.limits import MotionLimits
 
@@ -27,7 +26,7 @@ MOST_SETPOINTS: Final = 1000  # that are remembered, of an arm that moves
 MOVED: Final = 1e-6  # rad or m: less is rest
 RECENT_S: Final = 0.5  # [A] by which the arm, stopped by the servo, may be behind the newest setpoint
 BEHIND: Final = 8  # [A] samples, of play-out, look-ahead and the answer's way, besides
-MOST_TURN: Final = math.radians(45.0)  # [A] of any joint, as on a way back to a path that was kept
+MOST_TURN: Final = WayBackLimit().turn  # of any joint, rad; one that slides moves the flange by as much
 NEAR: Final = 0.01  # [A] rad or m: by so much the way may differ from what was travelled
 SHARE: Final = 0.1  # [A] of the joints' greatest speeds
 FLANGE_M_S: Final = 0.1  # [A]

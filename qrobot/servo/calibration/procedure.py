@@ -129,7 +129,6 @@ def begin_joint(params: ServoParameters, state: ServoState, joint: int) -> None:
     if highest < params.q_min[joint]:
         refuse(state, CAL_ROOM, joint)
     elif state.q_ref[joint] > cal.begin:
-        cal.target = cal.begin
         cal.stage = BACKING
     else:
         _begin_sweep(state, joint)
@@ -161,7 +160,7 @@ def creep(params: ServoParameters, state: ServoState, joint: int, wish: float) -
 
 @lean_kernel
 def _back(params: ServoParameters, state: ServoState, joint: int) -> None:
-    left = state.q_ref[joint] - state.cal.target
+    left = state.q_ref[joint] - state.cal.begin
     if left <= ARRIVED:
         _begin_sweep(state, joint)
         return

@@ -54,8 +54,7 @@ class CalibrationState:
     load: int = 0  # 1: post the new counts in this cycle
     moved: int = 0  # 1: a counter changed between the last look at the old ones and the first at the new ones
     residue: float = 0.0  # sum of pot - slope * counts of those readings
-    begin: float = 0.0  # where this joint's first sweep began
-    target: float = 0.0  # where backing ends
+    begin: float = 0.0  # where this joint's sweep begins, and backing ends
     speed: float = 0.0
 
 

@@ -292,3 +292,22 @@ def wait_for(path: Path, size: int, patience_s: float = PATIENCE_S) -> bool:
             return True
         time.sleep(0.05)
     return False
+
+
+REAL_BOARD = "board = { kind = 'port', port = { base = 0x300 } }\nservo = { board_timeout_ms = 8.0 }\n"
+
+
+@pytest.mark.parametrize(
+    ("more", "plant", "told"),
+    [
+        (REAL_BOARD, "nominal", "is a real arm, whose log tells of none"),
+        ("", "", "is an emulated arm, whose log names one"),
+    ],
+)
+def test_a_plant_that_would_make_a_real_arm_of_an_emulated_one_or_the_other_way_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], more: str, plant: str, told: str
+) -> None:
+    path = tmp_path / "cell.toml"
+    path.write_text(f"[[arm]]\nname = 'one'\nrobot = 'puma560'\nbridge = {{ port = 5999 }}\n{more}")
+    assert run_app(make_app(), ["log", "record", str(path), "--output", str(tmp_path), "--plant", plant]) == 1
+    assert f"--plant '{plant}': one {told}" in " ".join(capsys.readouterr().err.split())

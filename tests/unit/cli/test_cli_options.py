@@ -23,6 +23,7 @@ from qrobot.cli.option_types import Range, require_writable_log
 from qrobot.config import load_robot
 from qrobot.log.header import LOCKSTEP, REALTIME, header_for
 from qrobot.log.record import write_log
+from qrobot.log.topics import part_path
 from qrobot.servo.memory.telemetry import TelemetryLayout
 
 APP: Final = make_app()
@@ -296,6 +297,9 @@ def test_the_recording_of_a_running_arm_is_not_written_over(
         else:
             require_writable_log(path)  # it can be made again
         assert path.read_bytes() == before
+    part_path(tmp_path / "parted.mcap", 2).write_bytes((tmp_path / f"{REALTIME}.mcap").read_bytes())
+    with pytest.raises(ValueError, match="the recording of a running arm"):
+        require_writable_log(tmp_path / "parted.mcap")
     (tmp_path / "damaged.mcap").write_bytes(before[:200])
     with pytest.raises(ValueError, match="name another file"):
         require_writable_log(tmp_path / "damaged.mcap")

@@ -353,3 +353,22 @@ def test_a_log_of_an_arm_at_rest_tells_nothing(tmp_path: Path, capsys: pytest.Ca
     assert run_app(make_app(), command) == 1
     assert "nothing recorded moves steadily" in capsys.readouterr().err
     assert not (tmp_path / "model.toml").exists()
+
+
+@pytest.mark.parametrize(("within", "writes"), [(1.0, True), (0.03, False)])
+def test_fit_asks_before_it_writes_and_tells_plant_and_load(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, within: float, writes: bool
+) -> None:
+    rows = TelemetryLayout(N).empty(3)
+    rows["payload"][:, 0] = 2.0
+    log = write_log(tmp_path / "run.mcap", rows, header_for(PUMA, 1_000_000, "qrobot", plant="mismatched"))[0]
+    regressor, base = puma_base()
+    seen = identify(PUMA, base, regressor, generated(*drawn(0), 0.05, 0, within=within))
+    monkeypatch.setattr("qrobot.cli.identify_fit.identify_log", lambda *_: seen)
+    status = run_app(make_app(), ["identify", "fit", str(log), "--output", str(tmp_path / "model.toml")])
+    said = " ".join(capsys.readouterr().err.split())
+    assert (status, (tmp_path / "model.toml").exists()) == ((0, True) if writes else (1, False))
+    assert ("the servo was told 2 kg while this was recorded" in said) is writes
+    assert ("hardly told away from the poses of the logs" in said) is not writes
+    if writes:
+        assert load_model(tmp_path / "model.toml", PUMA).plant == "mismatched"

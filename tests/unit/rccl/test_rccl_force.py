@@ -297,7 +297,7 @@ def test_what_the_arm_exerts_is_known_once_the_program_has_told_the_load_that_ot
     fake = FakeRobot(tuple(PARK))
     fake.payload_mass = 2.0
     with rccl.use(lambda hello: VirtualLink(hello, fake.transfer)), rccl.control("puma560") as arm:
-        for asks in (lambda: arm.limit("fz", 15.0), lambda: arm.exerted):
+        for asks in (lambda: arm.limit("fz", 15.0), lambda: arm.comply("fz", 0.0), lambda: arm.exerted):
             with pytest.raises(MotionError, match=r"carries 2 kg, and this program has told 0: .* by `setload`"):
                 asks()
         arm.limit("dx", 5.0)  # a way needs no forces

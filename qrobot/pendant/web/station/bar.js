@@ -118,7 +118,7 @@ export function makeBar(root) {
         const joint = state.joint >= 0 ? `joint ${state.joint + 1} (${arm.facts.joints[state.joint]}): ` : "";
         lines.push([`${state.fault ? "✖ FAULT" : "⚠ Last event"} ${name}`, `${joint}${what}.${waits ? "" : ` What to do: ${remedy.replaceAll("`", "")}.`}`]);
       }
-      if (waits) lines.push(["⚠ A program waits beside its path", "Put right what stopped it, look that nothing is between the arm and its path, then press Go back to the path on the tab Drive."]);
+      if (waits) lines.push(["⚠ A program waits beside its path", "Put right what stopped it, look that nothing is between the arm and its path, then press Go back to the path on the tab Drive; a program in VAL goes on by PROCEED where it was started."]);
       if (!(state.flags & ESTOP_OK) && link.words.codes[state.fault]?.[0] !== "ESTOP") lines.push(["✖ Emergency stop", "It is pressed."]);
       if (!(state.flags & CALIBRATED)) lines.push(["⚠ Not calibrated", "Positions are not true: calibrate the arm before it moves."]);
     }
