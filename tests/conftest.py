@@ -17,7 +17,7 @@ from hypothesis.internal.conjecture import providers
 
 from tests.support import clocks
 from tests.support.patience import PATIENCE_S
-from tests.support.thorough import mark_thorough
+from tests.support.thorough import examples, mark_thorough, run_a_part
 from tests.support.turns import turn
 
 # Before anything of ours is imported, which may keep a clock under a name of its own.
@@ -35,19 +35,21 @@ signal.signal(signal.SIGINT, signal.default_int_handler)
 # Hypothesis would try constants of whichever modules of ours are loaded, which depends on the tests that ran before.
 providers.is_local_module_file = lambda _path: False
 
-# Fifty examples: they are the same every time, so that more of them find what they find once.
-settings.register_profile(
-    "qrobot",
-    max_examples=50,
-    deadline=None,
-    derandomize=True,
-    print_blob=True,
-    suppress_health_check=[HealthCheck.too_slow],
-)
-settings.load_profile("qrobot")
-
 # Of a failed test on the wall clock: a shared machine may stop as a whole for longer than any bound allows.
 RERUNS = int(os.environ.get("QROBOT_RERUNS", "2"))
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    run_a_part("not thorough" in config.option.markexpr)
+    settings.register_profile(
+        "qrobot",
+        max_examples=examples(50),  # the same every time: more of them find what they find once
+        deadline=None,
+        derandomize=True,
+        print_blob=True,
+        suppress_health_check=[HealthCheck.too_slow],
+    )
+    settings.load_profile("qrobot")
 
 
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:

@@ -173,6 +173,7 @@ def run(program: Program, ends: bool) -> Served:
     return served
 
 
+@pytest.mark.sampled(5)
 @pytest.mark.parametrize("call", PROGRAMS)
 def test_all_arms_begin_to_stop_at_the_next_sample_when_the_program_ends_in_a_call_that_waits(call: str) -> None:
     ended, undisturbed = (run(PROGRAMS[call], ends) for ends in (True, False))

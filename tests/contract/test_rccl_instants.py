@@ -17,6 +17,7 @@ from qrobot.rccl import gentr_trsl, newtrans, rot, zunit
 from tests.support.fake_robot import FakeRobot
 from tests.support.puma import arm
 from tests.support.rccl_table import TABLE, TIP, on_table, programmed
+from tests.support.thorough import examples
 
 DONE, STOPPED = Termination.COMPLETED, Termination.STOPPED
 PERIOD_NS = 28_000_000
@@ -47,7 +48,7 @@ def each_sample(note: Callable[[], object]) -> None:
 ACTS = st.sampled_from(["move", "move again", "nextmove", "stop", "sample", "wait"])
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=examples(25), deadline=None)
 @given(st.lists(ACTS, min_size=1, max_size=8))
 def test_whatever_is_stopped_or_skipped_every_motion_ends_once_and_completed_comes(acts: list[str]) -> None:
     with programmed():

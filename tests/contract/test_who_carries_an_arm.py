@@ -321,7 +321,7 @@ def off(cell: Cell, holder: int, since: int, until: int) -> float:
     return float(np.abs(np.array(held) - held[0]).max())
 
 
-@pytest.mark.sampled(8)
+@pytest.mark.sampled(5)
 @pytest.mark.parametrize("end", ENDS)
 @pytest.mark.parametrize("carried", [*WITH_THE_OBJECT, *WITH_AN_ARM])
 def test_what_holds_something_with_others_stays_with_it_until_that_rests(carried: Carried, end: End) -> None:
@@ -335,7 +335,7 @@ def test_what_holds_something_with_others_stays_with_it_until_that_rests(carried
     assert not np.ptp(cell.sent["right"][-2:], axis=0).any()
 
 
-@pytest.mark.sampled(16)
+@pytest.mark.sampled(8)
 @pytest.mark.parametrize("order", ORDERS, ids=" ".join)
 @pytest.mark.parametrize("end", ENDS)
 @pytest.mark.parametrize("carried", BY_NOTHING_THAT_RESTS)

@@ -31,6 +31,7 @@ def rows_of(part: str) -> list[list[str]]:
     return [[cell.strip() for cell in line.strip("|").split("|")] for line in lines[2:]]
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("velocity", ["difference", "observer"])
 @pytest.mark.parametrize("plant", ["nominal", "mismatched"])
 def test_the_velocity_errors_on_the_page_are_those_measured(plant: str, velocity: str) -> None:

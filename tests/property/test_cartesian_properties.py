@@ -13,6 +13,7 @@ from qrobot.motion import HERE, Blend, MotionMode, MoveRequest, SpeedShare, Term
 from qrobot.motion.path.blend import Correction
 from tests.support.motion import ended, run
 from tests.support.puma import LIMITS, PARK, TOOL, Conveyor, arm, at_park, puma_generator, shift
+from tests.support.thorough import examples
 
 FINE_S = 0.005
 DISTANCE = st.floats(-0.1, 0.1)
@@ -52,7 +53,7 @@ def tool_at(q) -> np.ndarray:
 
 
 @given(moves(), BLENDS, st.sampled_from(Correction))
-@settings(max_examples=25)
+@settings(max_examples=examples(25))
 def test_every_cartesian_program_ends_exactly_at_its_last_goal_within_the_limits(requests, blend, correction) -> None:
     gen = puma_generator(blend=blend, correction=correction)
     for request in requests:
@@ -64,7 +65,7 @@ def test_every_cartesian_program_ends_exactly_at_its_last_goal_within_the_limits
 
 
 @given(SHIFTS, SPEED)
-@settings(max_examples=15)
+@settings(max_examples=examples(15))
 def test_the_controlled_frame_moves_on_a_straight_line_and_turns_about_a_fixed_axis(there, speed) -> None:
     gen = puma_generator()
     gen.push(MoveRequest("there", at_park(there).goal(), speed, mode=MotionMode.CARTESIAN))
@@ -80,7 +81,7 @@ def test_the_controlled_frame_moves_on_a_straight_line_and_turns_about_a_fixed_a
 @given(
     moves(), st.integers(3, 150), st.sampled_from(["interrupt", "next", "here", "stop", "push"]), MODES, BLENDS
 )  # fmt: skip
-@settings(max_examples=25)
+@settings(max_examples=examples(25))
 def test_interference_at_any_instant_leaves_no_jump(requests, when, interference, mode, blend) -> None:
     gen = puma_generator(period_s=FINE_S, blend=blend)
     for request in requests:
@@ -111,7 +112,7 @@ def test_interference_at_any_instant_leaves_no_jump(requests, when, interference
 
 
 @given(MODES, MODES, SHIFTS, st.integers(40, 120), st.sampled_from(Correction))
-@settings(max_examples=25)
+@settings(max_examples=examples(25))
 def test_moving_frames_are_joined_followed_and_left_without_a_jump(mode, other, there, when, correction) -> None:
     """The goal moves on an ellipse and turns; after the segment's end the tool coincides with it at every sample."""
     belt = Conveyor(lambda t: (0.04 * np.sin(t), 0.06 * np.cos(1.3 * t), 0.0, 0.2 * np.sin(0.7 * t)))

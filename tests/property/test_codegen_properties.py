@@ -10,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from qrobot.codegen import compile_function
+from tests.support.thorough import examples
 
 UNARY: list[Callable[..., casadi.SX]] = [casadi.sin, casadi.exp, casadi.tanh, casadi.sqrt, casadi.floor, casadi.sign]
 BINARY: list[Callable[..., casadi.SX]] = [
@@ -38,7 +39,7 @@ def expression_of(program: list[tuple[int, int, int, float]], inputs: casadi.SX)
     return casadi.vertcat(*values[-2:])
 
 
-@settings(max_examples=15)
+@settings(max_examples=examples(15))
 @given(st.lists(STEP, max_size=30), st.lists(st.tuples(NUMBER, NUMBER), min_size=5, max_size=5))
 def test_a_kernel_gives_what_casadi_gives_to_the_last_bit(
     program: list[tuple[int, int, int, float]], points: list[tuple[float, float]]

@@ -14,6 +14,7 @@ from qrobot.motion import MotionMode, MoveRequest, OrientationInterpolation, Ter
 from qrobot.motion.world.drive_transform import drive, drive_parameters
 from qrobot.rccl.offline import OfflineLink
 from tests.support.puma import PARK, TOOL, Conveyor, arm, at_park, const, puma_generator
+from tests.support.thorough import examples
 from tests.unit.motion.test_generator import ended, run
 
 ANGLE = st.floats(-3.1, 3.1)
@@ -26,7 +27,7 @@ PACE = ToolSpeed(0.2, 0.8)
 
 
 @given(POSES, TURNS)
-@settings(max_examples=60)
+@settings(max_examples=examples(60))
 def test_parameters_of_any_drive_make_it_again(D, turn) -> None:
     x = drive_parameters(D, turn=turn)
     assert drive(x, turn) == pytest.approx(D, abs=1e-9)
@@ -56,7 +57,7 @@ def slerp(a: np.ndarray, b: np.ndarray, s: float) -> np.ndarray:
 
 
 @given(POSES, POSES, st.floats(0.0, 1.0))
-@settings(max_examples=60)
+@settings(max_examples=examples(60))
 def test_a_turn_about_one_axis_is_the_interpolation_of_quaternions_on_the_shorter_arc(start, goal, s) -> None:
     x = drive_parameters(inverse(goal) @ start)
     there = (goal @ drive((1.0 - s) * x))[:3, :3]
@@ -79,7 +80,7 @@ def pauls_drive(one: np.ndarray, two: np.ndarray, r: float) -> np.ndarray:
 
 
 @given(POSES, POSES, st.floats(0.0, 1.0))
-@settings(max_examples=60)
+@settings(max_examples=examples(60))
 def test_two_angles_turn_as_pauls_drive_does(start, goal, r) -> None:
     x = drive_parameters(inverse(goal) @ start, turn=OrientationInterpolation.TWO_ANGLES)
     there = goal[:3, :3] @ drive((1.0 - r) * x, OrientationInterpolation.TWO_ANGLES)[:3, :3]
@@ -95,7 +96,7 @@ def test_the_frame_turns_at_the_same_speed_all_the_way(D, turn, s) -> None:
 
 
 @given(POSES, st.tuples(*[st.floats(-1.0, 1.0)] * 3), TURNS)
-@settings(max_examples=50)
+@settings(max_examples=examples(50))
 def test_parameters_read_one_after_the_other_do_not_jump(D, direction, turn) -> None:
     """A frame turns on and on, past half a circle; near π between two axes nothing could be continuous."""
     w, near = np.array(direction), None
@@ -107,7 +108,7 @@ def test_parameters_read_one_after_the_other_do_not_jump(D, direction, turn) -> 
 
 
 @given(SMALL, SMALL)
-@settings(max_examples=10)
+@settings(max_examples=examples(10))
 def test_a_motion_in_two_angles_keeps_the_approach_vector_in_a_plane_and_ends_at_its_goal(first, second) -> None:
     gen = puma_generator()
     for away in (first, second):

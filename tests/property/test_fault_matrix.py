@@ -18,7 +18,7 @@ from tests.fault_matrix.trial import Conditions, Result, Trial
 EVERY = 89  # of the conditions: a slice in which each value of each comes up
 
 
-@pytest.mark.sampled(5)
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("fault", FAULTS, ids=lambda fault: fault.name)
 def test_no_joint_strays_and_nothing_stops_for_nothing(fault: Fault) -> None:
     rows = run(fault, conditions(EVERY))

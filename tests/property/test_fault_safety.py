@@ -19,6 +19,7 @@ from qrobot.modecodes import Mode
 from qrobot.servo.modes import gives_torque, may_follow, wants_power
 from qrobot.sim_board.faults import BOARD_DEAF, KINDS, Fault, FaultKind
 from tests.support.campaign import PUMA, FastLeg, fast_leg, writes_since
+from tests.support.thorough import examples
 
 # Against a board that takes no writes the servo is helpless, whatever it does.
 BREAKABLE = [kind for kind in KINDS if kind.number != BOARD_DEAF]
@@ -146,4 +147,4 @@ class FaultyArm(RuleBasedStateMachine):
 
 
 TestFaultyArm = FaultyArm.TestCase
-TestFaultyArm.settings = settings(max_examples=25, stateful_step_count=15)
+TestFaultyArm.settings = settings(max_examples=examples(25), stateful_step_count=15)

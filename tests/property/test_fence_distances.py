@@ -13,6 +13,7 @@ from qrobot.fences.distance import axes_apart
 from qrobot.fences.fence_set import FenceSet
 from qrobot.model.transform import rpy
 from tests.support import fences as slowly
+from tests.support.thorough import examples
 
 ROBOT = load_robot("puma560")
 SHAPE = ROBOT.shape
@@ -45,7 +46,7 @@ def joints(shares: tuple[float, ...]) -> np.ndarray:
     return np.asarray(low + np.array(shares) * (high - low))
 
 
-@settings(max_examples=60)
+@settings(max_examples=examples(60))
 @given(some_fence(), share)
 def test_the_distance_is_that_of_the_nearest_of_many_points(fence: Fence, shares: tuple[float, ...]) -> None:
     q = joints(shares)
@@ -57,7 +58,7 @@ def test_the_distance_is_that_of_the_nearest_of_many_points(fence: Fence, shares
     assert by_hand[found.body] == pytest.approx(min(by_hand.values()), abs=3e-4)
 
 
-@settings(max_examples=25)
+@settings(max_examples=examples(25))
 @given(share)
 def test_the_arm_is_as_far_from_itself_as_the_nearest_of_its_pairs(shares: tuple[float, ...]) -> None:
     q = joints(shares)

@@ -39,6 +39,7 @@ from qrobot.motion import (
 )
 from qrobot.rci.fenced_setpoints import check_setpoints
 from tests.support import fences as slowly
+from tests.support.thorough import examples
 
 ROBOT = load_robot("puma560")
 ARM = Arm(ROBOT)
@@ -114,7 +115,7 @@ def perform(motion: Generator, asked: list[Floats], interrupt_at: int) -> tuple[
     return samples, refused
 
 
-@settings(max_examples=15)
+@settings(max_examples=examples(15))
 @given(fence_near_the_hand(), goals, st.integers(1, 60))
 def test_no_sample_of_any_motion_is_nearer_to_a_fence_than_its_margin(
     fence: Fence, shares: list[tuple[float, ...]], interrupt_at: int

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from qrobot.motion import HERE, Blend, EventKind, JointSpeed, MoveRequest, SpeedShare, Termination
 from tests.support.motion import LIMITS, ended, generator, run
+from tests.support.thorough import examples
 
 FINE_S = 0.005  # at this period differences of states say what the derivatives are
 TARGETS = st.tuples(st.floats(-2.0, 3.0), st.floats(-0.5, 0.5))
@@ -38,7 +39,7 @@ def assert_smooth(before, after, period_s: float, ticks: int = 1) -> None:
 
 
 @given(PROGRAMS, BLENDS)
-@settings(max_examples=40)
+@settings(max_examples=examples(40))
 def test_every_program_ends_exactly_at_its_last_target_within_the_limits(moves, blend) -> None:
     gen = generator(blend=blend)
     for move in moves:
@@ -54,7 +55,7 @@ def test_every_program_ends_exactly_at_its_last_target_within_the_limits(moves, 
 
 
 @given(PROGRAMS, st.integers(1, 120), st.sampled_from(["interrupt", "stop", "push"]), BLENDS)
-@settings(max_examples=30)
+@settings(max_examples=examples(30))
 def test_interference_at_any_instant_leaves_position_velocity_and_acceleration_continuous(
     moves, when, interference, blend
 ) -> None:
@@ -82,7 +83,7 @@ def test_interference_at_any_instant_leaves_position_velocity_and_acceleration_c
 
 
 @given(MOVES, MOVES, st.integers(1, 100), BLENDS)
-@settings(max_examples=20)
+@settings(max_examples=examples(20))
 def test_start_interruption_stop_and_resumption_are_requests_in_one_queue(first, second, when, blend) -> None:
     """A-38: `there` ends a motion at any instant, and another one begins where the arm then stands."""
     gen = generator(period_s=FINE_S, blend=blend)
@@ -109,7 +110,7 @@ def test_start_interruption_stop_and_resumption_are_requests_in_one_queue(first,
 
 
 @given(MOVES, MOVES)
-@settings(max_examples=10)
+@settings(max_examples=examples(10))
 def test_replanning_from_every_intermediate_state_of_a_motion_keeps_the_limits(first, second) -> None:
     length = sum(1 for _ in run(with_moves(first)))
     for when in range(2, length, max(1, length // 20)):
@@ -138,7 +139,7 @@ def with_moves(*moves):
 
 
 @given(PROGRAMS, st.integers(1, 100))
-@settings(max_examples=40)
+@settings(max_examples=examples(40))
 def test_a_stop_stays_on_the_path_and_drops_what_waits(moves, when) -> None:
     free, stopped = with_moves(*moves), with_moves(*moves)
     path = np.array([output.q for output in run(free)])
@@ -153,7 +154,7 @@ def test_a_stop_stays_on_the_path_and_drops_what_waits(moves, when) -> None:
 
 
 @given(MOVES, st.integers(2, 60))
-@settings(max_examples=40)
+@settings(max_examples=examples(40))
 def test_a_lost_sample_does_not_change_the_path(move, lost) -> None:
     whole, holed = with_moves(move), with_moves(move)
     for tick in range(1, 70):
@@ -166,7 +167,7 @@ CALLS = st.lists(st.tuples(st.sampled_from(["skip", "stop", "abort", "push", "he
 
 
 @given(PROGRAMS, CALLS, st.lists(st.integers(1, 30), min_size=1, max_size=20))
-@settings(max_examples=50)
+@settings(max_examples=examples(50))
 def test_whatever_is_asked_and_left_out_every_motion_begins_once_at_most_and_ends_once(moves, calls, gaps) -> None:
     """Calls come in any order, several between two samples, and samples are left out."""
     gen = with_moves(*moves)

@@ -12,6 +12,7 @@ from qrobot.motion.path.path_piece import BlendSettings, piece_from_state
 from qrobot.motion.planning.joint_stop import can_stop, joint_stop_s
 from tests.support.halts import halted
 from tests.support.motion import LIMITS
+from tests.support.thorough import examples
 
 BATCHES = 8
 PROGRAMS = 10  # in each: 1600 were tried when this was written, see decision 51
@@ -42,7 +43,7 @@ def test_no_program_that_moves_to_goals_at_rest_is_ended_by_the_watch(seeds) -> 
 
 
 @given(st.tuples(SHARE, SHARE), st.tuples(SHARE, SHARE), st.sampled_from(Blend))
-@settings(max_examples=200)
+@settings(max_examples=examples(200))
 def test_a_halt_keeps_the_limits_from_every_state_that_may_be_halted(speeds, accelerations, blend) -> None:
     v, a = np.array(speeds) * LIMITS.v_max, np.array(accelerations) * LIMITS.a_max
     for joint in range(2):

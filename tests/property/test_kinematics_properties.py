@@ -13,6 +13,7 @@ from qrobot.model.branch import ALL_BRANCHES, Branch
 from qrobot.model.paul import from_paul, pose_from_paul, pose_to_paul, to_paul
 from qrobot.model.puma import InverseStatus, puma_branch, puma_inverse, puma_inverse_all, wrap_into_range
 from qrobot.model.transform import so3_log
+from tests.support.thorough import examples
 
 PUMA = Arm(load_robot("puma560"))
 STANFORD = Arm(load_robot("stanford"))
@@ -28,14 +29,14 @@ def manipulability(q: Floats) -> float:
 
 
 @given(joints)
-@settings(max_examples=100)
+@settings(max_examples=examples(100))
 def test_the_inverse_of_the_own_branch_gives_the_joints_back(q: Floats) -> None:
     assume(manipulability(q) > 1e-4)
     np.testing.assert_allclose(PUMA.inverse(PUMA.forward(q), PUMA.branch(q), q), q, atol=1e-8)
 
 
 @given(joints)
-@settings(max_examples=100)
+@settings(max_examples=examples(100))
 def test_all_eight_branches_reach_the_pose_and_each_stands_on_its_own_branch(q: Floats) -> None:
     assume(manipulability(q) > 1e-4)
     T, solution = PUMA.forward(q), np.empty(6)

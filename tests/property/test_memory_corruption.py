@@ -22,13 +22,14 @@ from qrobot.servo.settings import ServoSettings
 from qrobot.sim_board.emulator import Emulator
 from tests.support.bench import PERIOD_NS, Bench
 from tests.support.bus import BenchEndpoint, DirectBus, rows_of
+from tests.support.thorough import examples
 
 WILD = st.integers(-(2**63), 2**63 - 1)
 SEEDS = st.integers(0, 2**32 - 1)
 
 
 @given(SEEDS)
-@settings(max_examples=40)
+@settings(max_examples=examples(40))
 def test_a_board_whose_lanes_are_noise_applies_nothing_and_goes_on_showing_images(seed: int) -> None:
     bench = Bench()
     random = np.random.default_rng(seed)
@@ -43,7 +44,7 @@ def test_a_board_whose_lanes_are_noise_applies_nothing_and_goes_on_showing_image
 
 
 @given(st.sampled_from(Lane), st.integers(-(2**62), -1) | st.integers(LANE_CAPACITY + 2, 2**62))
-@settings(max_examples=30)
+@settings(max_examples=examples(30))
 def test_a_lane_whose_head_is_damaged_is_told_and_works_again_from_the_next_tick_on(lane: Lane, head: int) -> None:
     bench, write = Bench(), rows_of([(OP_WRITE, DAC, 0x123)])
     assert post_operations(bench.memory, int(lane), rows_of([(OP_WRITE, DAC, DAC_ZERO)]), 1)

@@ -31,6 +31,7 @@ from qrobot.motion.world.numerical_kinematics import NumericalKinematics
 from tests.support.drawn_arms import drawn, within
 from tests.support.motion import ended, run
 from tests.support.puma import const
+from tests.support.thorough import examples
 
 ROUNDING = 1e-9
 SHARES = st.lists(st.floats(0.02, 0.98), min_size=6, max_size=6).map(np.array)
@@ -45,7 +46,7 @@ def packaged(name: str) -> tuple[Arm, NumericalKinematics]:
 
 @pytest.mark.parametrize("name", ["puma560", "stanford"])
 @given(SHARES, SMALL)
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=examples(60), deadline=None)
 def test_near_a_position_it_gives_the_solution_of_the_closed_form(name, shares, off) -> None:
     arm, numerical = packaged(name)
     q = within(arm.robot, shares)
@@ -62,7 +63,7 @@ def test_near_a_position_it_gives_the_solution_of_the_closed_form(name, shares, 
 
 
 @given(st.integers(0, 40), SHARES, SHARES)
-@settings(max_examples=120, deadline=None)
+@settings(max_examples=examples(120), deadline=None)
 def test_a_pose_that_an_arm_can_take_is_reached_from_anywhere_within_its_ranges(seed, shares, from_shares) -> None:
     robot = drawn(seed)
     arm = Arm(robot)
@@ -74,7 +75,7 @@ def test_a_pose_that_an_arm_can_take_is_reached_from_anywhere_within_its_ranges(
 
 
 @given(st.integers(0, 40), SHARES, SMALL)
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=examples(60), deadline=None)
 def test_a_small_way_gives_a_small_step(seed, shares, off) -> None:
     """Of the first order: what the Jacobian says, where it is not singular."""
     robot = drawn(seed)

@@ -14,6 +14,7 @@ from qrobot.modecodes import Mode
 from qrobot.rig.lockstep import LockstepRig, link_factory
 from qrobot.servo.settings import ServoSettings
 from tests.support.puma import PARK, ROBOT
+from tests.support.thorough import examples
 
 SAMPLES = 60
 NAMES = ("left", "right", "watch")
@@ -85,7 +86,7 @@ def undisturbed() -> tuple[Rows, list[int], list[str]]:
 
 
 @given(st.sampled_from(NAMES), st.integers(0, SAMPLES), st.sampled_from(["raises", "leaves the range", "is released"]))
-@settings(max_examples=12)
+@settings(max_examples=examples(12))
 def test_a_task_that_ends_stops_its_arm_and_nothing_else(dies: str, run: int, way: str) -> None:
     if dies == "watch" and way == "leaves the range":
         way = "raises"

@@ -15,6 +15,7 @@ from qrobot.motion.planning.joint_stop import BULGE, SHORTEST_STOP_S, joint_stop
 from qrobot.motion.trajectory.setpoint_check import joint_at_limit, judge_next
 from qrobot.motion.world.product import multiply_chain
 from tests.support.motion import LIMITS
+from tests.support.thorough import examples
 
 numbers = st.floats(-3.0, 3.0)
 vectors = st.lists(numbers, min_size=3, max_size=3)
@@ -24,7 +25,7 @@ PERIOD_S = 0.01
 
 
 @given(factors)
-@settings(max_examples=50)
+@settings(max_examples=examples(50))
 def test_a_chain_is_the_product_of_its_factors_and_inverses(chain) -> None:
     expected, out = np.eye(4), np.full((4, 4), np.nan)
     for pose, inverted in chain:
@@ -35,7 +36,7 @@ def test_a_chain_is_the_product_of_its_factors_and_inverses(chain) -> None:
 
 
 @given(st.lists(numbers, min_size=3, max_size=3), st.integers(1, 5), st.integers(1, 5))
-@settings(max_examples=50)
+@settings(max_examples=examples(50))
 def test_the_motion_at_the_end_of_three_samples_is_that_of_the_parabola_through_them(coefficients, far, near) -> None:
     position, velocity, bend = coefficients
     ticks = [0, far, far + near]

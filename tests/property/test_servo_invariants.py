@@ -21,6 +21,7 @@ from qrobot.servo.laws.shipped import LAWS
 from qrobot.servo.memory.setpoint_queue import TORQUE_SETPOINT
 from qrobot.servo.modes import gives_torque, may_follow, wants_power
 from tests.support.servo_bench import Program, ServoBench, cruise
+from tests.support.thorough import examples
 
 N = 6
 TORQUE = np.array([gives_torque(mode) for mode in Mode])
@@ -252,4 +253,4 @@ class ServoMachine(RuleBasedStateMachine):
 
 
 TestServo = ServoMachine.TestCase
-TestServo.settings = settings(max_examples=30, stateful_step_count=20)
+TestServo.settings = settings(max_examples=examples(30), stateful_step_count=20)

@@ -19,6 +19,7 @@ from qrobot.motion.trajectory.speed_override import SHARE, SpeedOverride
 from tests.support.motion import LIMITS, PERIOD_S, ended, generator, run
 from tests.support.puma import LIMITS as ARM_LIMITS
 from tests.support.puma import PARK, Conveyor, arm, at_park, puma_generator, shift
+from tests.support.thorough import examples
 
 DONE = (int(Termination.COMPLETED),)
 PLACES = st.lists(
@@ -52,7 +53,7 @@ def joint_program(gen: Generator, places: list[tuple[float, float, float | None]
 
 
 @given(PLACES, CHANGES)
-@settings(max_examples=120, deadline=None)
+@settings(max_examples=examples(120), deadline=None)
 def test_joint_motions_pass_the_same_places_at_any_override_within_the_limits(places, changes) -> None:
     nominal, gen = generator(), generator()
     joint_program(nominal, places)
@@ -78,7 +79,7 @@ def test_joint_motions_pass_the_same_places_at_any_override_within_the_limits(pl
 
 
 @given(st.lists(st.tuples(*[st.floats(-0.1, 0.1)] * 3, st.floats(-0.4, 0.4)), min_size=1, max_size=3), CHANGES)
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=examples(25), deadline=None)
 def test_straight_lines_stay_straight_at_any_override(places, changes) -> None:
     nominal, gen = puma_generator(), puma_generator()
     for each in (nominal, gen):
@@ -318,6 +319,7 @@ class Operator:
         return MoveRequest(name, goal, speed, transition_s, mode=random.choice(list(MotionMode)))
 
 
+@pytest.mark.sampled(16)
 @pytest.mark.parametrize("seed", range(40))
 def test_whatever_an_operator_does_and_when_the_limits_are_kept_and_every_motion_ends(seed: int) -> None:
     gen = puma_generator()
@@ -336,7 +338,7 @@ def test_whatever_an_operator_does_and_when_the_limits_are_kept_and_every_motion
 
 
 @given(CHANGES, st.integers(1, 3))
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=examples(150), deadline=None)
 def test_the_rate_stays_between_0_and_1_and_is_the_slope_of_path_time(changes, left_out) -> None:
     override, wanted, at = SpeedOverride(LIMITS, PERIOD_S), 1.0, {}
     tick = 0

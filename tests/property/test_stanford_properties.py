@@ -14,6 +14,7 @@ from qrobot.model.arm import Arm
 from qrobot.model.branch import ALL_BRANCHES, Branch
 from qrobot.model.puma import InverseStatus
 from qrobot.model.stanford import stanford_branch, stanford_inverse
+from tests.support.thorough import examples
 
 ARM = Arm(load_robot("stanford"))
 Q_MIN, Q_MAX = ARM.robot.limits.q_min, ARM.robot.limits.q_max
@@ -28,14 +29,14 @@ def regular(q: Floats) -> bool:
 
 
 @given(joints)
-@settings(max_examples=100)
+@settings(max_examples=examples(100))
 def test_the_inverse_of_the_own_branch_gives_the_joints_back(q: Floats) -> None:
     assume(regular(q))
     np.testing.assert_allclose(ARM.inverse(ARM.forward(q), ARM.branch(q), q), q, atol=1e-8)
 
 
 @given(joints)
-@settings(max_examples=100)
+@settings(max_examples=examples(100))
 def test_four_branches_reach_the_pose_and_there_is_no_elbow(q: Floats) -> None:
     assume(regular(q))
     T, solution = ARM.forward(q), np.empty(6)

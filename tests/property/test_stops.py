@@ -85,7 +85,7 @@ def middle() -> Floats:
     return np.array(PUMA.poses["ready"])
 
 
-@pytest.mark.sampled(12)
+@pytest.mark.sampled(8)
 @pytest.mark.parametrize("mismatched", [False, True])
 @pytest.mark.parametrize("speed", SPEEDS)
 @pytest.mark.parametrize("joint", JOINTS)
@@ -101,6 +101,7 @@ def test_a_stop_goes_no_further_than_a_joint_whose_reference_stops_dead(
         assert (arm.mode, arm.event) == (Mode.HOLDING, FaultCode.NONE)
 
 
+@pytest.mark.sampled(8)
 @pytest.mark.parametrize("speed", SPEEDS)
 @pytest.mark.parametrize("joint", JOINTS)
 def test_a_stop_that_began_with_room_does_not_end_beyond_the_range(joint: int, speed: float) -> None:
@@ -117,6 +118,7 @@ def test_a_stop_that_began_with_room_does_not_end_beyond_the_range(joint: int, s
         assert (arm.mode, arm.event) == (Mode.HOLDING, FaultCode.NONE)
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("velocity", ESTIMATORS)
 @pytest.mark.parametrize("form", FORMS)
 def test_a_stop_at_any_instant_in_any_form_is_a_stop_and_no_fault(form: str, velocity: str) -> None:

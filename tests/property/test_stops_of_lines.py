@@ -68,6 +68,7 @@ def near_the_end(before_rad: float) -> Floats:
     return q
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("seconds", [0.0, 0.3, 2.0])
 @pytest.mark.parametrize("slow", [1.0, 0.4])
 def test_a_stop_of_a_line_to_the_end_of_a_range_stays_on_the_line(seconds, slow) -> None:

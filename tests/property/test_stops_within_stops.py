@@ -13,6 +13,7 @@ from qrobot.arrays import Floats
 from qrobot.motion import Blend, Generator, JointSpeed, MoveRequest, SpeedShare, Termination
 from qrobot.motion.path.phase import Phase
 from tests.support.motion import LIMITS, ended, generator, run
+from tests.support.thorough import examples
 
 FINE_S = 0.005  # at this period differences of states say what the derivatives are
 SOON = round(0.5 / FINE_S)  # samples: no shortest stop of this arm takes longer
@@ -46,7 +47,7 @@ def assert_smooth(before: Floats, after: Floats) -> None:
     deed=st.sampled_from(sorted(DEEDS)),
     blend=st.sampled_from(Blend),
 )
-@settings(max_examples=80, deadline=None)
+@settings(max_examples=examples(80), deadline=None)
 def test_a_stop_becomes_a_shorter_one_on_its_path_within_the_limits(
     move, override, seconds, begin, later, deed, blend
 ) -> None:

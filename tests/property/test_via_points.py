@@ -15,6 +15,7 @@ from qrobot.motion import Duration, MotionMode, MoveRequest, OrientationInterpol
 from tests.support.motion import LIMITS, PERIOD_S, ended, generator, run
 from tests.support.paul import paul_path, samples_of, stretched
 from tests.support.puma import PARK, TOOL, Conveyor, arm, at_park, puma_generator, shift
+from tests.support.thorough import examples
 
 DONE = Termination.COMPLETED
 TIMES_S = st.floats(0.0, 0.4), st.floats(0.05, 2.0)
@@ -39,7 +40,7 @@ def oracle(corners, times, samples: int) -> np.ndarray:
 
 
 @given(st.lists(timed(WAYS, GENTLE), min_size=2, max_size=6))
-@settings(max_examples=60)
+@settings(max_examples=examples(60))
 def test_a_program_of_joint_motions_is_pauls_path_whatever_times_follow_each_other(segments) -> None:
     corners = [np.zeros(2)]
     for way, _, _ in segments:
@@ -56,7 +57,7 @@ PLACES = st.tuples(*[st.floats(-0.08, 0.08)] * 3, st.floats(-0.3, 0.3))
 
 
 @given(st.lists(timed(PLACES, GENTLE_PLACES), min_size=2, max_size=4))
-@settings(max_examples=20)
+@settings(max_examples=examples(20))
 def test_a_program_of_straight_lines_is_pauls_path_of_the_tool(segments) -> None:
     corners = [np.zeros(4), *(place for place, _, _ in segments)]
     least = np.abs(np.diff(corners, axis=0)) / GENTLE_PLACES  # from place to place, which may be farther than from park
@@ -93,7 +94,7 @@ HASTY = st.tuples(
 
 
 @given(st.lists(HASTY, min_size=2, max_size=6), st.integers(0, 10))
-@settings(max_examples=80)
+@settings(max_examples=examples(80))
 def test_at_no_via_point_the_arm_is_slower_than_both_segments_ask_for(hasty, late) -> None:
     """However hasty: the velocity goes straight from the one to the other. Some requests come one by one."""
     gen = generator()
@@ -170,7 +171,7 @@ def turned(corners: list[tuple[float, ...]], interpolation: OrientationInterpola
     st.sampled_from([(0.0, 180.0), (60.0, 170.0), (30.0, 180.0), (-60.0, -170.0), (0.0, -180.0), (60.0, -175.0)]),
     st.sampled_from(list(OrientationInterpolation)),
 )
-@settings(max_examples=12)
+@settings(max_examples=examples(12))
 def test_turns_that_are_half_a_turn_and_more_together_go_on_through_their_via_point(here, there, turns, way) -> None:
     """As long, and no farther, as each of them asks for: from rest at the via point it would take a transition more."""
     first, second = np.radians(turns)

@@ -1,4 +1,4 @@
-"""Wide forms of tests: of one with many cases `make test` runs a sample, and `make thorough` all."""
+"""Wide forms of tests: of one with many cases or examples `make test` runs a part, and `make thorough` all."""
 
 from __future__ import annotations
 
@@ -9,10 +9,23 @@ from typing import Any
 
 import pytest
 
+_part = False  # of the examples of each property
+
 
 def wide(*values: object) -> list[Any]:
     """Values of a parameter for `make thorough` alone."""
     return [pytest.param(value, marks=pytest.mark.thorough) for value in values]
+
+
+def run_a_part(part: bool) -> None:
+    """Have properties tried with a part of their `examples`, or with all; before tests are collected."""
+    global _part  # noqa: PLW0603 (test files ask for it as they are imported)
+    _part = part
+
+
+def examples(number: int) -> int:
+    """How many examples of a property are tried: `number` in `make thorough`, half of them in `make test`."""
+    return -(-number // 2) if _part else number
 
 
 def mark_thorough(items: Iterable[pytest.Item]) -> None:

@@ -112,6 +112,7 @@ def test_nextmove_ends_the_younger_motion_unless_the_function_of_the_older_sets_
     expect_codes(who, capfd)
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize(("who", "guarded"), OF_MANIPULATORS.values(), ids=OF_MANIPULATORS)
 def test_nextmove_of_a_manipulator_ends_its_younger_motion_likewise(
     who: str, guarded: str, manipulator: Path, capfd

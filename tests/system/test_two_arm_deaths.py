@@ -14,6 +14,7 @@ from tests.support import two_arm_deaths
 from tests.support.two_arm_deaths import Death, carry_until, deaths, judge
 
 
+@pytest.mark.sampled(6)
 @pytest.mark.parametrize("death", list(deaths(3)), ids=lambda death: f"{death.kind}-{death.victim}-{death.after_s:.2f}")
 def test_whatever_dies_the_other_arm_stops_on_its_path_and_what_both_hold_is_not_torn(death: Death) -> None:
     assert judge(death).wrong == ""

@@ -61,6 +61,7 @@ from qrobot.arcl.options import MotionOptions
 from qrobot.arcl.switches import Switches
 from qrobot.errors import ConfigError, MotionError
 from qrobot.motion import Equation
+from tests.support.thorough import examples
 
 
 def test_constructors_take_millimetres_and_degrees() -> None:
@@ -247,7 +248,7 @@ WORDS = st.one_of(
 
 
 @given(words=st.lists(WORDS, max_size=8))
-@settings(max_examples=200)
+@settings(max_examples=examples(200))
 def test_any_list_of_attributes_gives_options_or_a_plain_refusal(words: list) -> None:
     try:
         options = MotionOptions().changed_by("move", words)

@@ -18,6 +18,7 @@ from qrobot.hwif.registers import DAC, DISCRETE, ENC_LOAD
 from qrobot.hwif.trace import load_head, read_trace, trace_write
 from qrobot.realtime.jit import jit_disabled, kernel
 from qrobot.realtime.structure import view_words
+from tests.support.thorough import examples
 
 
 def operations(*values: int) -> Any:
@@ -61,7 +62,7 @@ def test_the_blocks_of_the_layout_do_not_overlap() -> None:
     assert read_trace(memory)[-1].tolist() == [7, 7, DAC, TRACE_CAPACITY - 1]
 
 
-@settings(max_examples=30)
+@settings(max_examples=examples(30))
 @given(st.lists(st.one_of(st.integers(1, LANE_CAPACITY + 3), st.integers(-LANE_CAPACITY, -1)), max_size=12))
 def test_a_lane_is_a_queue_that_accepts_all_or_none(steps: list[int]) -> None:
     memory, model, count = local_board_memory(), [], 0

@@ -45,6 +45,7 @@ from tests.support.deployment import LEFT
 from tests.support.paper_board import PaperBoard
 from tests.support.patience import MOMENT_S, PATIENCE_MS, wait_until
 from tests.support.relay import Relay, as_it_came
+from tests.support.thorough import examples
 from tests.support.virtual_clock import VirtualClock
 
 GRIPPER = DAC // 2
@@ -352,7 +353,7 @@ def test_a_module_that_answers_without_data_is_lost_and_found_again(table: Table
         module.close()
 
 
-@settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=examples(40), deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.binary(min_size=1, max_size=16), st.integers(0, 12))
 def test_an_answer_of_any_content_does_not_end_the_polling_of_a_module(table: Table, wild: bytes, at: int) -> None:
     with Relay(("127.0.0.1", table.choice.port)) as relay:

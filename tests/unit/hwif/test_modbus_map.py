@@ -34,6 +34,7 @@ from qrobot.hwif.modbus.map import (
 from qrobot.hwif.operations import OP_WRITE
 from qrobot.hwif.registers import DAC, REGISTERS, WINDOW_BYTES, Access
 from qrobot.servo.memory import servo_memory
+from tests.support.thorough import examples
 
 words = st.integers(0, 0xFFFF)
 operations = st.lists(
@@ -68,7 +69,7 @@ def test_the_map_has_room_for_every_joint_a_servo_can_have() -> None:
     assert ROBOT_ROWS[-1].address + ROBOT_ROWS[-1].count == VECTORS + 4 * 2 * MAX_JOINTS
 
 
-@settings(max_examples=30)
+@settings(max_examples=examples(30))
 @given(st.integers(0, 2**63 - 1), st.integers(0, 2**63 - 1), st.lists(words, min_size=16, max_size=16))
 def test_an_image_comes_back_as_it_went(t_ns: int, count: int, inputs: list[int]) -> None:
     image, back = make_image(), make_image()
@@ -84,7 +85,7 @@ def test_the_most_significant_word_has_the_lowest_address() -> None:
     assert IMAGE + len(encode_image(image)) <= IDENTITY
 
 
-@settings(max_examples=30)
+@settings(max_examples=examples(30))
 @given(words, operations)
 def test_operations_come_back_as_they_went(sequence: int, rows: list[tuple[int, int, int]]) -> None:
     sent = np.array(rows, np.int64).reshape(-1, 3)
@@ -93,7 +94,7 @@ def test_operations_come_back_as_they_went(sequence: int, rows: list[tuple[int, 
     assert decode_operations(registers[1:]).tolist() == sent.tolist()
 
 
-@settings(max_examples=50)
+@settings(max_examples=examples(50))
 @given(st.lists(words, min_size=1, max_size=MAILBOX_REGISTERS))
 def test_a_mailbox_of_garbage_is_refused_or_holds_operations_of_the_board(registers: list[int]) -> None:
     try:

@@ -25,6 +25,7 @@ from tests.support.accounts import as_other_account, needs_root
 from tests.support.paper_board import PaperBoard
 from tests.support.patience import MOMENT_S, PATIENCE_S, wait_until
 from tests.support.relay import Relay, as_it_came
+from tests.support.thorough import examples
 from tests.support.virtual_clock import VirtualClock
 
 ILLEGAL_FUNCTION, ILLEGAL_ADDRESS, ILLEGAL_VALUE, DEVICE_FAILURE, DEVICE_BUSY = 1, 2, 3, 4, 6
@@ -272,7 +273,7 @@ def test_who_does_not_speak_modbus_is_cut_off_and_counted(far: Far, data: bytes)
     far.until("bad", before + 1)
 
 
-@settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=examples(40), deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.lists(st.binary(max_size=60), min_size=1, max_size=4))
 def test_bytes_of_any_kind_neither_stop_the_server_nor_move_the_arm(far: Far, chunks: list[bytes]) -> None:
     with far.socket() as sock:
@@ -284,7 +285,7 @@ def test_bytes_of_any_kind_neither_stop_the_server_nor_move_the_arm(far: Far, ch
     assert _is_well(far)
 
 
-@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=examples(60), deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.integers(0, 127), st.binary(max_size=252))
 def test_a_request_of_any_content_is_answered_or_refused(far: Far, function: int, content: bytes) -> None:
     before = len(far.board.applied)
@@ -303,7 +304,7 @@ def _is_well(far: Far) -> bool:
     return not far.board.applied
 
 
-@settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=examples(40), deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.binary(min_size=1, max_size=64), st.integers(0, 12))
 def test_an_answer_of_any_content_is_an_error_of_ours_or_an_image(far: Far, wild: bytes, at: int) -> None:
     with Relay(far.server.address) as relay:

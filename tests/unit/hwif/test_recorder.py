@@ -21,6 +21,7 @@ from qrobot.hwif.registers import ADC_MUX, ADC_START, DAC, DISCRETE, ENC_COUNT, 
 from qrobot.hwif.replay import Exchange, Replay, load_recording, replay_onto
 from tests.support.bench import Bench
 from tests.support.bus import BenchEndpoint, DirectBus
+from tests.support.thorough import examples
 
 Access = tuple[int, int, int]
 
@@ -135,7 +136,7 @@ def test_a_recording_cut_off_anywhere_is_complete_up_to_its_last_whole_line(tmp_
 
 
 @given(st.text(st.characters(max_codepoint=126), max_size=40), st.integers(0, 8))
-@settings(max_examples=200)
+@settings(max_examples=examples(200))
 def test_a_line_that_means_nothing_is_named_and_nothing_else_is_raised(
     tmp_path_factory: pytest.TempPathFactory, garbage: str, place: int
 ) -> None:

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from qrobot.model.dynamics import FrictionParams, friction_torque
 from qrobot.model.stiction_compensation import PUSH_SHARE, REST_SHARE, added_at_rest, lead, push_for
+from tests.support.thorough import examples
 
 COULOMB_POS, COULOMB_NEG, WITHIN = 20.0, 10.0, 0.02
 P = FrictionParams(
@@ -32,7 +33,7 @@ def rubs(v: float) -> float:
 
 
 @given(v=SPEEDS)
-@settings(max_examples=30)
+@settings(max_examples=examples(30))
 def test_without_a_push_friction_is_that_of_the_velocity_alone(v: float) -> None:
     tau = np.empty(1)
     friction_torque(np.array([v]), P, tau)
@@ -40,14 +41,14 @@ def test_without_a_push_friction_is_that_of_the_velocity_alone(v: float) -> None
 
 
 @given(v=SPEEDS, push=PUSHES)
-@settings(max_examples=60)
+@settings(max_examples=examples(60))
 def test_never_more_is_added_than_coulomb_friction_and_at_rest_four_fifths_of_it(v: float, push: float) -> None:
     most = min(1.0, REST_SHARE + (1.0 - REST_SHARE) * abs(v) / WITHIN)
     assert -most * COULOMB_NEG - 1e-9 <= added(v, push) <= most * COULOMB_POS + 1e-9
 
 
 @given(v=SPEEDS.filter(lambda v: abs(v) >= WITHIN), push=PUSHES)
-@settings(max_examples=30)
+@settings(max_examples=examples(30))
 def test_on_a_motor_that_moves_the_push_adds_nothing(v: float, push: float) -> None:
     assert added(v, push) == rubs(v)
 
@@ -64,7 +65,7 @@ def test_a_push_against_the_motion_lets_friction_brake() -> None:
 
 
 @given(push=PUSHES)
-@settings(max_examples=30)
+@settings(max_examples=examples(30))
 def test_a_motor_that_rubs_a_tenth_less_than_its_model_is_not_moved_by_less_than_a_tenth_of_its_friction(push) -> None:
     real = 0.9 * (COULOMB_POS if push > 0.0 else COULOMB_NEG)
     if abs(push) < PUSH_SHARE * real:
@@ -72,7 +73,7 @@ def test_a_motor_that_rubs_a_tenth_less_than_its_model_is_not_moved_by_less_than
 
 
 @given(total=PUSHES)
-@settings(max_examples=60)
+@settings(max_examples=examples(60))
 def test_the_push_for_a_torque_amounts_to_it_with_what_is_added(total: float) -> None:
     push = push_for(np.array([total]), P)
     assert push + added_at_rest(push, P) == pytest.approx(total, abs=1e-9)

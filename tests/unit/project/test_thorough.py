@@ -1,4 +1,4 @@
-"""Of a test with many cases `make test` runs a sample: always the same one, of the size asked for."""
+"""Of a test with many cases or examples `make test` runs a part: always the same one, of the size asked for."""
 
 from __future__ import annotations
 
@@ -7,8 +7,10 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from hypothesis import settings
 
-from tests.support.thorough import mark_thorough
+from tests.support import thorough
+from tests.support.thorough import examples, mark_thorough
 
 
 class Case:
@@ -65,3 +67,17 @@ def test_values_of_rows_of_a_table_are_told_apart_and_things_are_by_their_places
     first, second = (row for case, row in zip(cases, rows, strict=True) if case.nodeid in kept)
     assert first[0] != second[0]
     assert first[1] != second[1]
+
+
+@pytest.mark.parametrize(("part", "tried"), [(False, [1, 25, 50]), (True, [1, 13, 25])])
+def test_of_a_property_half_of_its_examples_are_tried_and_at_least_one(
+    monkeypatch: pytest.MonkeyPatch, part: bool, tried: list[int]
+) -> None:
+    monkeypatch.setattr(thorough, "_part", part)
+    assert [examples(number) for number in (1, 25, 50)] == tried
+
+
+def test_this_run_tries_what_it_was_asked_for(request: pytest.FixtureRequest) -> None:
+    part = "not thorough" in request.config.option.markexpr
+    assert settings.default is not None
+    assert settings.default.max_examples == examples(50) == (25 if part else 50)

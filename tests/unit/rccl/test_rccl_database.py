@@ -16,6 +16,7 @@ from qrobot.motion import TransformKind
 from qrobot.rccl import gentr_rpy, gentr_trsl, hold, newtrans, trsl
 from qrobot.rccl.database import DataBase
 from tests.support.patience import PATIENCE_S, give_time
+from tests.support.thorough import examples
 
 COORDINATE = st.floats(-2000, 2000)
 ANGLE = st.floats(-180, 180)
@@ -27,7 +28,7 @@ def file(tmp_path: Path) -> Path:
 
 
 @given(place=st.tuples(COORDINATE, COORDINATE, COORDINATE, ANGLE, ANGLE, ANGLE))
-@settings(max_examples=30, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=examples(30), suppress_health_check=[HealthCheck.function_scoped_fixture])
 def test_what_is_recorded_is_read_again(file, place) -> None:
     one = gentr_rpy("ONE", *place)
     DataBase(file).record(one)

@@ -15,6 +15,7 @@ from qrobot.rccl import trace as traces
 from qrobot.rccl.setpoints import read_setpoints
 from qrobot.rccl.trace import Trace
 from tests.support.puma import ROBOT
+from tests.support.thorough import wide
 
 PERIOD_S, KEPT, KEPT_REQUESTS = 0.028, 100, 20
 HOME = np.zeros(ROBOT.n)
@@ -104,7 +105,7 @@ def test_a_measured_way_that_lags_is_off_by_its_distance_from_the_way_and_not_by
     assert farthest_off(asked, beside, NEAR) == pytest.approx(0.5, abs=0.01)
 
 
-@pytest.mark.parametrize("samples", [3, 700, 5000])
+@pytest.mark.parametrize("samples", [3, 700, *wide(5000)])
 def test_a_way_told_in_other_samples_is_compared_as_a_whole(samples: int) -> None:
     assert farthest_off(circle(2000), circle(samples)) == pytest.approx(0.0, abs=1e-5)
     assert farthest_off(circle(2000), circle(samples) * [1.5, 1.5, 1.0]) == pytest.approx(0.5, abs=0.01)

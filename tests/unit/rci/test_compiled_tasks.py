@@ -15,6 +15,7 @@ from qrobot.rci.compiled import tick_at_time, time_of_tick
 from qrobot.units import NS_PER_S
 from tests.support import rci_compiled as functions
 from tests.support.rci_tasks import pass_ticks, recorded, virtual_program
+from tests.support.thorough import examples
 
 
 def test_a_compiled_task_runs_at_its_ticks_on_the_memory_of_its_name() -> None:
@@ -56,7 +57,7 @@ def test_what_compiled_tasks_cannot_do_is_refused(call, text: str, monkeypatch: 
 YEAR_NS = 366 * 86_400 * NS_PER_S
 
 
-@settings(max_examples=200)
+@settings(max_examples=examples(200))
 @given(st.integers(-YEAR_NS, 100 * YEAR_NS), st.integers(1, 1000))
 def test_ticks_of_a_compiled_loop_are_those_of_whole_numbers_without_end(since_ns: int, rate_hz: int) -> None:
     tick = since_ns * rate_hz // NS_PER_S

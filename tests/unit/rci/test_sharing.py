@@ -22,6 +22,7 @@ from qrobot.rci.descriptor import TaskDescriptor, local_area
 from qrobot.rci.mail_lane import LANE_WORDS, LARGEST_MESSAGE
 from qrobot.rci.task_table import ALL, TaskTable, catches
 from tests.support.rci_tasks import pass_ticks, recorded, virtual_program
+from tests.support.thorough import examples
 
 GAINS = np.array([[1.0, 2.0], [3.0, 4.0]])
 
@@ -106,7 +107,7 @@ def test_a_mask_chooses_whose_messages_are_taken(pair) -> None:
     assert rci.rci_receive() == (b"a", a)
 
 
-@settings(max_examples=40)
+@settings(max_examples=examples(40))
 @given(st.lists(st.one_of(st.binary(min_size=1, max_size=1500), st.none()), max_size=40))
 def test_a_queue_takes_what_fits_and_gives_it_back_in_order(steps: list[bytes | None]) -> None:
     """The oracle: a queue of words. None takes a message, bytes send one."""

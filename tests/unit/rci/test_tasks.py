@@ -23,6 +23,7 @@ from qrobot.wire import Mode
 from tests.support.fake_robot import FakeRobot
 from tests.support.puma import PARK, ROBOT
 from tests.support.rci_tasks import Runs, no_robot, pass_ticks, recorded, virtual_program
+from tests.support.thorough import examples
 
 TASKS = st.lists(st.tuples(st.integers(1, 9), st.integers(-9, 9), st.integers(-2, 2)), min_size=1, max_size=5)
 PLACES = ("aux", "aux1")
@@ -36,7 +37,7 @@ def test_two_tasks_of_interval_4_and_offsets_0_and_2_take_turns_s10() -> None:
     assert runs == [(t, "first" if t % 4 == 0 else "second") for t in range(0, 13, 2)]
 
 
-@settings(max_examples=30)
+@settings(max_examples=examples(30))
 @given(TASKS)
 def test_tasks_run_by_priority_then_creation_at_exactly_their_ticks(tasks) -> None:
     """The oracle goes over all ticks and all tasks, by the paper's rule, one after the other."""

@@ -48,6 +48,7 @@ def test_drives_pass_every_step_and_what_they_lack_is_left_out(mode: DriveMode, 
         assert not desk.emulator.powered
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("joint", [2, 4])
 def test_a_drive_whose_torque_lets_its_position_fall_is_found_by_a_push(joint: int) -> None:
     with drives_desk(polarity=joint) as desk:
@@ -57,6 +58,7 @@ def test_a_drive_whose_torque_lets_its_position_fall_is_found_by_a_push(joint: i
         assert "polarity of its drive" in last.remedy
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(("joint", "step"), [(2, "which way the joints go"), (4, "encoders by hand")])
 def test_counts_that_go_against_their_joint_are_a_matter_of_increments_per_count(joint: int, step: str) -> None:
     with drives_desk(told=reversed_in(joint, "count_sign")) as desk:

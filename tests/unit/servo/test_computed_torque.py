@@ -13,6 +13,7 @@ from qrobot.model.dynamics import dynamics_params, dynamics_work, inverse_dynami
 from qrobot.realtime.jit import lean_kernel
 from qrobot.servo.laws.law import KP, KV, M0, Law
 from qrobot.servo.laws.shipped import find_law
+from tests.support.thorough import examples
 from tests.unit.servo.test_law import call
 
 ROBOT = load_robot("puma560")
@@ -27,14 +28,14 @@ def dynamics(q, v, a) -> np.ndarray:
     return tau
 
 
-@settings(max_examples=50)
+@settings(max_examples=examples(50))
 @given(angles, angles, angles, angles)
 def test_without_an_error_it_is_inverse_dynamics_and_friction(q, v, a, friction) -> None:
     tau = call(LAW, q_ref=q, q=q, v_ref=v, v=v, a_ref=a, friction=friction, gains=GAINS)
     np.testing.assert_allclose(tau, dynamics(q, v, a) + friction, rtol=1e-9, atol=1e-9)
 
 
-@settings(max_examples=50)
+@settings(max_examples=examples(50))
 @given(angles, angles, angles, angles)
 def test_an_error_asks_for_the_acceleration_of_a_decoupled_oscillator(q, v, error, rate) -> None:
     error, rate = 1e-3 * error, 1e-2 * rate

@@ -12,6 +12,7 @@ from qrobot.model.arm import Arm
 from qrobot.servo.laws.force import ADVANCE, CORRECTION, N_KEPT, N_TOLD, PRESSED, TIME, ZERO
 from qrobot.servo.laws.law import MEMORY_WORDS, SIGNALS_AT
 from qrobot.servo.laws.shipped import find_law
+from tests.support.thorough import examples
 from tests.unit.servo.test_law import call
 
 ROBOT = load_robot("puma560")
@@ -37,7 +38,7 @@ def axial_jacobian(q, reach: float = 0.1) -> np.ndarray:
     return T[:3, 2] @ (J[:3] + np.cross(J[3:], lever, axisa=0, axisb=0, axisc=0))
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=examples(40), deadline=None)
 @given(poses, small, small, poses, poses)
 def test_before_the_sensor_has_its_zero_it_is_qrobots_law(q, error, v, gravity, friction) -> None:
     given_terms = {"q_ref": q + error, "q": q, "v": v, "gravity": gravity, "friction": friction, "gains": GAINS}
@@ -46,7 +47,7 @@ def test_before_the_sensor_has_its_zero_it_is_qrobots_law(q, error, v, gravity, 
     np.testing.assert_allclose(call(free, **given_terms), expected, rtol=1e-9, atol=1e-8)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=examples(40), deadline=None)
 @given(poses)
 def test_a_spring_that_is_fully_drawn_pulls_with_the_force_through_the_transposed_jacobian(q) -> None:
     memory = tared(ahead=0.02, pressed=20.0)
@@ -54,7 +55,7 @@ def test_a_spring_that_is_fully_drawn_pulls_with_the_force_through_the_transpose
     np.testing.assert_allclose(tau, 20.0 * axial_jacobian(q), rtol=1e-6, atol=1e-6)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=examples(40), deadline=None)
 @given(poses, small)
 def test_across_the_axis_the_arm_is_as_stiff_as_ever_and_along_it_not_at_all(q, error) -> None:
     """A displacement e along no axial direction, J e = 0, meets Kp e; the rest changes nothing."""
@@ -70,7 +71,7 @@ def test_across_the_axis_the_arm_is_as_stiff_as_ever_and_along_it_not_at_all(q, 
 
 
 @given(st.floats(-9.9, 9.9), st.floats(-15, 15), st.floats(-100, 100), st.floats(0, 0.02))
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=examples(100), deadline=None)
 def test_whatever_the_sensor_says_the_pull_is_bounded(volts, correction, pressed, ahead) -> None:
     q = PARK
     tau = call(LAW, q_ref=q, q=q, gains=GAINS, memory=tared(correction, ahead, pressed), sensors=np.full(8, volts))

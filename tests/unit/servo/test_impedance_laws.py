@@ -25,6 +25,7 @@ from qrobot.servo.laws.shipped import find_law
 from qrobot.servo.laws.stability import check_gains
 from qrobot.servo.settings import ServoSettings
 from qrobot.sim_board.emulator import Emulator
+from tests.support.thorough import examples
 from tests.unit.servo.test_law import call
 
 ROBOT = load_robot("puma560")
@@ -66,7 +67,7 @@ def energy(q: np.ndarray, q_ref: np.ndarray, k: np.ndarray) -> float:
     return float(0.5 * k[:3] @ way**2 + 0.5 * k[3] * (3.0 - np.trace(turn)))
 
 
-@settings(max_examples=20)
+@settings(max_examples=examples(20))
 @given(st.lists(st.floats(-0.3, 0.3), min_size=N, max_size=N).map(np.array))
 def test_the_springs_of_the_tool_are_the_gradient_of_their_energy(e: np.ndarray) -> None:
     k = np.array([3000.0, 500.0, 1500.0, 80.0])
@@ -114,7 +115,7 @@ def test_the_jump_of_a_setting_is_no_jump_of_torque(law: Law) -> None:
         before = now
 
 
-@settings(max_examples=20)
+@settings(max_examples=examples(20))
 @given(st.lists(st.tuples(shares, st.integers(5, 60)), min_size=3, max_size=8), shares)
 def test_no_change_of_stiffness_gives_more_energy_than_its_power_allows(
     changes: list[tuple[np.ndarray, int]], start: np.ndarray

@@ -72,7 +72,7 @@ def at_rest(rig: LockstepRig) -> Any:
     raise AssertionError("the arm never comes to rest")
 
 
-@pytest.mark.sampled(5)
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize(("before", "after"), PAIRS)
 @settings(max_examples=2)
 @given(st.lists(st.floats(0.1, 0.9), min_size=6, max_size=6), st.floats(0.3, 2.0))

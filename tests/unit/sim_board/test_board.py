@@ -41,6 +41,7 @@ from qrobot.hwif.registers import (
 from qrobot.hwif.trace import read_trace
 from qrobot.sim_board.board import REG_BRAKED
 from tests.support.bench import COUNTS_PER_REV, PERIOD_NS, PHASE, POT_SLOPE, POT_ZERO, Bench, post
+from tests.support.thorough import examples
 
 NS_PER_MS = 1_000_000
 channels = st.integers(0, N_ENCODERS - 1)
@@ -341,7 +342,7 @@ def test_a_brake_that_was_told_to_release_and_to_close_again_has_never_opened() 
 # --- DACs --------------------------------------------------------------------------------------------------------
 
 
-@settings(max_examples=25)
+@settings(max_examples=examples(25))
 @given(st.integers(0, N_DACS - 1), st.integers(0, 0xFFFF))
 def test_a_dac_keeps_the_low_twelve_bits_for_ever(channel: int, word: int) -> None:
     bench = Bench()
