@@ -263,7 +263,9 @@ def _execute(interpreter: Interpreter, program: str, cycles: int, speed: float) 
             _ask(f"{interpreter.message}; return goes on ")
             state = interpreter.proceed()
     except KeyboardInterrupt:
-        if interpreter.task is not None:
+        if interpreter.state is RunState.FAILED:  # in the same turn
+            complain(interpreter.message)
+        elif interpreter.task is not None:
             complain("interrupted in program {}, line {}: the arm stands".format(*interpreter.task.at))
         raise
     if state is RunState.COMPLETED:

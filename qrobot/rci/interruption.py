@@ -1,4 +1,4 @@
-"""Ctrl-C on virtual time, where the program itself computes the samples of its robots."""
+"""Ctrl-C where a program itself computes what has to stay whole: samples of its robots, turns of its interpreter."""
 
 from __future__ import annotations
 
@@ -7,18 +7,24 @@ import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
-from typing import Any
+from typing import Any, TypeAlias
+
+from qrobot.realtime.interrupt import interrupt_heard
+
+_Handler: TypeAlias = Callable[[int, FrameType | None], Any]
 
 
 class WholeSamples:
-    """Guard of samples: Ctrl-C in one, while the program waits, comes into force behind it; a second one does not wait.
+    """Guard of samples, or of turns: Ctrl-C in one comes into force behind it. A second one does not wait.
 
-    So a program can stop its arm and go on after Ctrl-C, and one whose own function never ends can be ended. Waits of
-    other threads, and processes whose Ctrl-C Python does not hear, are left alone.
+    It counts while the program is `waiting`. So a program can stop its arm and go on after Ctrl-C, and one whose own
+    function never ends can be ended. What is done inside has to end soon by itself; where it cannot, see `opened`.
+    Waits of other threads, and processes whose Ctrl-C Python does not hear, are left alone.
     """
 
     def __init__(self) -> None:
-        self._handler: Callable[[int, FrameType | None], Any] | None = None  # that was there before, while one waits
+        self._handler: _Handler | None = None  # that was there before, while one waits
+        self._before: _Handler | None = None  # the same, also behind it
         self._inside = self._came = False
 
     @contextmanager
@@ -29,26 +35,44 @@ class WholeSamples:
         if self._handler is not None or not callable(handler) or not mine:
             yield
             return
-        self._handler = handler
+        self._handler = self._before = handler
         signal.signal(signal.SIGINT, self._hear)
         try:
             yield
         finally:
-            self._handler = None
             signal.signal(signal.SIGINT, handler)
+            self._handler = None
 
-    def begin(self) -> None:
-        """A sample begins."""
+    @contextmanager
+    def one(self) -> Iterator[None]:
+        """Block of one sample. Behind it KeyboardInterrupt is raised, or what else Ctrl-C does, when that has come."""
+        if self._inside:
+            yield
+            return
         self._inside = True
+        try:
+            yield
+        finally:
+            self._end()
 
-    def end(self) -> None:
-        """The sample is whole. Raises KeyboardInterrupt, or does what else Ctrl-C does, when that has come."""
+    @contextmanager
+    def opened(self) -> Iterator[None]:
+        """Block inside `one` that may wait for somebody, as for an answer: Ctrl-C comes into force in it at once."""
+        inside = self._inside
+        self._end()
+        try:
+            yield
+        finally:
+            self._inside = inside
+
+    def _end(self) -> None:
         self._inside = False
         if self._came:
             self._came = False
             self._obey(signal.SIGINT, None)
 
     def _hear(self, number: int, frame: FrameType | None) -> None:
+        interrupt_heard()
         if self._inside and not self._came:
             self._came = True
             return
@@ -56,5 +80,5 @@ class WholeSamples:
         self._obey(number, frame)
 
     def _obey(self, number: int, frame: FrameType | None) -> None:
-        if self._handler is not None:
-            self._handler(number, frame)
+        if (handler := self._handler or self._before) is not None:
+            handler(number, frame)

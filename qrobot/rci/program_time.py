@@ -116,11 +116,8 @@ class ProgramTime:
         coming = [at for member in members if (at := member.next_ns) is not None]
         if not coming:
             return
-        self._whole_samples.begin()
-        try:
+        with self._whole_samples.one():
             self._pass_to(min(coming), members)
-        finally:
-            self._whole_samples.end()
 
     def _pass_to(self, event_ns: int, members: Iterable[TimeMember]) -> None:
         self.passing = True

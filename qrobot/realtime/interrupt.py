@@ -13,6 +13,7 @@ from typing import Final
 
 PATIENCE_S: Final = 2.0
 INTERRUPTED: Final = 130  # exit status of a command that SIGINT has ended
+_heeding: list[threading.Event] = []  # of each block: Python has heard
 
 
 @contextmanager
@@ -28,21 +29,29 @@ def heed_interrupts(patience_s: float = PATIENCE_S) -> Iterator[None]:
     heard, over = threading.Event(), threading.Event()
 
     def hear(number: int, frame: FrameType | None) -> None:
-        heard.set()
+        interrupt_heard()
         handler(number, frame)
 
     ours, wakes = socket.socketpair()
     wakes.setblocking(False)
     before = signal.set_wakeup_fd(wakes.fileno(), warn_on_full_buffer=False)  # written to before any Python runs
     signal.signal(signal.SIGINT, hear)
+    _heeding.append(heard)
     threading.Thread(target=_watch, args=(ours, heard, over, patience_s), name="interrupt", daemon=True).start()
     try:
         yield
     finally:
         signal.signal(signal.SIGINT, handler)
+        _heeding.remove(heard)
         signal.set_wakeup_fd(before)
         over.set()  # SIGINT does again what it did before
         wakes.close()  # the watch reads its end
+
+
+def interrupt_heard() -> None:
+    """Tell blocks of `heed_interrupts` that SIGINT has come to Python: for a handler inside one that obeys later."""
+    for heard in _heeding:
+        heard.set()
 
 
 def _watch(signals: socket.socket, heard: threading.Event, over: threading.Event, patience_s: float) -> None:

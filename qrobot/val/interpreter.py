@@ -6,27 +6,27 @@ then the sample passes. A mistake while it runs stops the arm on its path, and l
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from enum import Enum
 from typing import Final
 
 from qrobot.errors import LinkError, MotionError, ProgramError, QRobotError, ServoFault
+from qrobot.rci.interruption import WholeSamples
 from qrobot.val import tree
-from qrobot.val.arm import Destination, ValArm
+from qrobot.val.arm import ValArm
 from qrobot.val.evaluate import signal_holds
 from qrobot.val.machine import Machine
 from qrobot.val.parser import parse_line
 from qrobot.val.printer import print_line
-from qrobot.val.steps import do_step
+from qrobot.val.rest_on_path import RestOnPath
+from qrobot.val.steps import do_step, is_motion
 from qrobot.val.task import ValTask, Waits, Watch
 
 STEPS_PER_SAMPLE: Final = 50  # of each program [A]; VAL II's own rate is not published
 MOST_BESIDE: Final = 6  # process control programs at a time [A]
-STANDSTILL_S: Final = 1.0  # a pause is complete by then
 OF_PROGRAMS: Final = ("LOCK", "IGNORE", "RUNSIG")  # what these change lasts as long as the program they stand in
 TYPED: Final = "DO"  # name of a program of the one step that is typed at the monitor
-SAMPLES_TO_REST: Final = 5000  # an arm that does not come to rest by then has been lost
 
 
 class RunState(Enum):
@@ -55,6 +55,7 @@ class Interpreter:
         error: what stopped it; None for nothing.
         task: the program that moves the arm; None for none.
         beside: process control programs under way.
+        rest: how the arm comes to rest on its path, and what is left to do then.
     """
 
     def __init__(
@@ -69,7 +70,8 @@ class Interpreter:
         self.error: QRobotError | None = None
         self.task: ValTask | None = None
         self.beside: list[ValTask] = []
-        self._unfinished: list[Destination] = []
+        self._whole = WholeSamples()
+        self.rest = RestOnPath(self.machine, self._whole)
         self._single = self._single_begun = self._halts = False
         self._failed: ValTask | None = None  # whose step it was that failed
 
@@ -89,9 +91,9 @@ class Interpreter:
             ProgramError: there is no such program or step, or a structure in it does not match.
             LinkError, ServoFault: the arm is lost.
         """
-        self.need_path()
+        self.rest.need_path()
         self.task = ValTask(self.machine, program, cycles=cycles, step=step - 1)
-        self._unfinished, self.beside, self._failed = [], [], None
+        self.rest.unfinished, self.beside, self._failed = [], [], None
         self.machine.reset_manner()
         return self._run(single)
 
@@ -101,23 +103,21 @@ class Interpreter:
         An arm that the servo has stopped goes back to its path before. A process control program goes on, too.
         """
         self._need_task()
-        self._go_back()
+        self.rest.go_back()
         if stopped := self.machine.arm.kept:
             self.pause(stopped)
             return self.state
+        return self._run(single, self._take_up)
+
+    def _take_up(self) -> None:
+        """Begin again with the motions that were interrupted, and what the program had asked of its next one."""
         try:
-            while self._unfinished:
-                self.machine.go_again(self._unfinished[0])
-                del self._unfinished[0]
+            self.rest.take_up()
         except MotionError as error:
             self._fail(error)
-            return self.state
-        except KeyboardInterrupt:
-            self._interrupted()
-            raise
-        self._failed = None
-        self.machine.take_up()
-        return self._run(single)
+        else:
+            self._failed = None
+            self.machine.take_up()
 
     def lead_back(self) -> bool:
         """Lead an arm back to its path that was stopped while no program was under way.
@@ -127,8 +127,8 @@ class Interpreter:
         """
         if self.unfinished or not self.machine.arm.off_path:
             return False
-        self._go_back()
-        self.need_path()
+        self.rest.go_back()
+        self.rest.need_path()
         return True
 
     def retry(self) -> RunState:
@@ -142,10 +142,10 @@ class Interpreter:
 
     def abort(self) -> None:
         """Give the program up; the arm comes to rest on its path."""
-        self._come_to_rest()
+        self.rest.come_to_rest()
         self.machine.arm.unfinished()
         self.machine.forget_next_motion()
-        self.task, self._unfinished, self.beside, self._failed = None, [], [], None
+        self.task, self.rest.unfinished, self.beside, self._failed = None, [], [], None
         self.state, self.message = RunState.ABORTED, ""
 
     def do(self, text: str) -> RunState:
@@ -153,7 +153,7 @@ class Interpreter:
 
         Without such a program, a step that is stopped or interrupted goes on with `proceed`, as a program would.
         """
-        self.need_path()
+        self.rest.need_path()
         line = parse_line(text)
         if isinstance(line.action, tree.Block | tree.ForLoop | tree.CaseValues | tree.Goto):
             raise ProgramError("DO takes a step that stands by itself, no part of a structure", column=1)
@@ -161,21 +161,28 @@ class Interpreter:
             raise ProgramError(
                 "DO takes a step, and this one counts for the rest of a program: put it into one", column=1
             )
-        before, kept = self.unfinished, (self.task, self.state, self.message, self._unfinished, self._failed)
+        rest = self.rest
+        before, motions = self.unfinished, (rest.unfinished, rest.given_up)
+        kept, self.error = (self.task, self.state, self.message, self._failed), None
         self.machine.programs[TYPED] = tree.ValProgram(TYPED, (), (line,))
         try:
-            self.task, self._unfinished = ValTask(self.machine, TYPED), []
+            self.task, rest.unfinished = ValTask(self.machine, TYPED), []
             if before:
                 self.machine.set_aside()
             self._run(single=False)
-            self.need_path()
+            rest.need_path()
             if self.error is not None:
                 raise self.error
             return self.state
+        except KeyboardInterrupt:
+            if self.error is not None:  # in the same turn: it is over, and why is worth more
+                raise self.error from None
+            raise
         finally:
             del self.machine.programs[TYPED]
             if before or self.state is not RunState.PAUSED:
-                self.task, self.state, self.message, self._unfinished, self._failed = kept
+                self.task, self.state, self.message, self._failed = kept
+                rest.unfinished, rest.given_up = motions
             self.error = None
 
     def start_beside(self, program: str, cycles: int) -> None:
@@ -188,17 +195,18 @@ class Interpreter:
 
     # ------------------------------------------------------------------------------------------- what steps may ask for
 
-    def stop_arm(self) -> None:
-        """Let the arm come to rest on its path; the next motion begins where it stands."""
-        self.machine.arm.stop()
-        self.machine.forget_destination()
+    @contextmanager
+    def may_wait(self, task: ValTask) -> Iterator[None]:
+        """Block of a step that may wait, for somebody or for the servo: Ctrl-C comes into force in it at once.
 
-    def give_up_motions(self) -> None:
-        """Let the arm come to rest; its motions count as ended, for PROCEED too, and so a hand for one to come."""
-        if self.machine.arm.waiting:
-            self.machine.hand_at_next = None
-        self.stop_arm()
-        self.machine.arm.unfinished()
+        PROCEED then begins the step again.
+        """
+        try:
+            with self._whole.opened():
+                yield
+        except KeyboardInterrupt:
+            task.frame_now.pc -= 1
+            raise
 
     def pause(self, why: str, halt: bool = False) -> None:
         """Stop between steps, and with `halt` the arm on its path; `proceed` goes on, with its motions too."""
@@ -228,62 +236,34 @@ class Interpreter:
             raise ProgramError(f"there is nothing to go on with: {self.state.value}")
         return self.task
 
-    def need_path(self) -> None:
-        """Raise ProgramError: the arm is off the path of what was begun before."""
-        if not self.machine.arm.off_path:
-            return
-        if stopped := self.machine.arm.kept:
-            raise ProgramError(f"{stopped}; PROCEED leads the arm back, QUIT gives its path up")
-        raise ProgramError("the arm goes back to its path; PROCEED waits until it is there")
-
-    def _go_back(self) -> None:
-        """Lead an arm back that is off its path, until it is there or `kept` again; Ctrl-C pauses it on its way."""
-        arm = self.machine.arm
-        if not arm.off_path:
-            return
-        arm.resume()
-        try:
-            while arm.off_path and not arm.kept:
-                arm.sample()
-        except KeyboardInterrupt:
-            self._pause_on_way_back()
-            raise
-        if arm.kept:
-            arm.pause()  # as in `_turn`
-
-    def _pause_on_way_back(self) -> None:
-        """Let the arm stand still on its way, and wait until it does; another Ctrl-C meanwhile changes nothing.
-
-        One that has come to its path just now rests there, with its motions unfinished.
-        """
-        arm = self.machine.arm
-        arm.pause()
-        until_s = arm.time_s + STANDSTILL_S
-        while arm.off_path and arm.time_s < until_s:
-            with suppress(KeyboardInterrupt):
-                arm.sample()
-        if not arm.off_path:
-            self._halt()
-            arm.resume()
-
-    def _run(self, single: bool) -> RunState:
-        self.state, self.message, self.error, self._halts = RunState.RUNNING, "", None, False
-        self._single, self._single_begun = single, False
-        try:
-            self._show_running(True)
-            while self.state is RunState.RUNNING:
-                self._turn()
-                if self.state is RunState.RUNNING:
-                    self.machine.arm.sample()
-            if self.state is RunState.PAUSED:
-                (self._halt if self._halts and not self.machine.arm.off_path else self._settle)()
-        except (KeyboardInterrupt, LinkError, ServoFault):
-            self._interrupted()
-            raise
-        finally:
-            with suppress(QRobotError):  # the arm is lost: that is told already, or by the next command
-                self._show_running(False)
+    def _run(self, single: bool, first: Callable[[], None] = lambda: None) -> RunState:
+        """Do something `first`, and then what the programs say. Raises as `execute`."""
+        with self._whole.waiting():
+            try:
+                with self._whole.one():
+                    self.state, self.message, self.error, self._halts = RunState.RUNNING, "", None, False
+                    self._single, self._single_begun = single, False
+                    first()
+                    self._show_running(self.state is RunState.RUNNING)
+                self._take_turns()
+            except (KeyboardInterrupt, LinkError, ServoFault):
+                with self._whole.one():
+                    self._interrupted()
+                raise
+            finally:
+                with suppress(QRobotError), self._whole.one():  # a lost arm is told already, or by the next command
+                    self._show_running(False)
         return self.state
+
+    def _take_turns(self) -> None:
+        """Sample after sample, until the program has ended, paused or failed, and the arm stands."""
+        while self.state is RunState.RUNNING:
+            with self._whole.one():
+                self._turn()
+            if self.state is RunState.RUNNING:
+                self.machine.arm.sample()
+        if self.state is RunState.PAUSED:
+            (self.rest.halt if self._halts and not self.machine.arm.off_path else self.rest.settle)()
 
     def _show_running(self, on: bool) -> None:
         """Switch the signals that RUNSIG has named."""
@@ -292,36 +272,16 @@ class Interpreter:
 
     def _interrupted(self) -> None:
         """Ctrl-C is the panic button: the arm comes to rest, and PROCEED takes up the motion."""
+        if self.state in (RunState.FAILED, RunState.COMPLETED):  # in the same turn: the arm stands, and why is told
+            return
         self.pause("interrupted")
         try:
             if self.machine.arm.off_path:
-                self._pause_on_way_back()  # the path keeps its motions
+                self.rest.pause_on_way_back()  # the path keeps its motions
                 return
-            self._halt()
+            self.rest.halt()
         except QRobotError:
             self.task = None  # the arm is lost
-
-    def _halt(self) -> None:
-        """Come to rest on the path; PROCEED takes the motions up."""
-        self._come_to_rest()
-        self._unfinished = self.machine.arm.unfinished() + self._unfinished
-
-    def _come_to_rest(self) -> None:
-        """Stop the arm on its path and wait until it stands; another Ctrl-C meanwhile changes nothing."""
-        while True:
-            try:
-                self.stop_arm()
-                self._settle()
-                return
-            except KeyboardInterrupt:
-                continue
-
-    def _settle(self) -> None:
-        """Let samples pass until the arm stands."""
-        for _ in range(SAMPLES_TO_REST):
-            if self.machine.arm.idle or self.machine.arm.kept:
-                return
-            self.machine.arm.sample()
 
     def _turn(self) -> None:
         """Let all programs do their part of one sample; none while the arm is off its path."""
@@ -384,9 +344,10 @@ class Interpreter:
             return
         line = frame.program.lines[frame.pc]
         task.at, task.last = (frame.program.name, line.line, line.column), (frame, frame.pc)
-        frame.pc += 1
         if self.machine.switches["TRACE"]:
-            self.machine.say(f"{frame.program.name} {frame.pc}: {print_line(line)}")
+            with self._whole.opened():
+                self.machine.say(f"{frame.program.name} {frame.pc + 1}: {print_line(line)}")
+        frame.pc += 1
         if line.action is not None:
             task.doing = do_step(self, task, line.action) or task.doing
             if self._single and task is self.task:
@@ -422,8 +383,10 @@ class Interpreter:
     def _call_reaction(self, task: ValTask, watch: Watch) -> None:
         task.interrupt(watch.program, watch.priority)
         if watch.at_once and task.moves:
-            self.give_up_motions()
+            self.rest.give_up_motions()
             task.doing = iter((lambda: self.machine.arm.idle,))
+        if task.moves:
+            task.keep_next_motion()
 
     def _blame(self, task: ValTask, error: QRobotError) -> None:
         """An error of a step: with its place; REACTE's program is called, or everything stops."""
@@ -435,6 +398,8 @@ class Interpreter:
         task.doing = task.until = None
         told = told if task is self.task else ProgramError(f"beside: {told}")
         if task.on_error and task is self.task:
+            if task.last is not None and is_motion(task.last[0].program.lines[task.last[1]].action):
+                self.machine.ask_nothing_of_next()  # it was asked of the motion that failed
             try:
                 self._call_reaction(task, Watch(task.on_error, task.priority, True))
                 task.on_error, self.message = "", str(told)
@@ -445,6 +410,5 @@ class Interpreter:
         self._failed = task
 
     def _fail(self, error: QRobotError) -> None:
-        self._come_to_rest()
-        self._unfinished = self.machine.arm.unfinished() + self._unfinished  # that were not queued yet
+        self.rest.halt()
         self.state, self.message, self.error = RunState.FAILED, str(error), error

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Final, TypeAlias
+from typing import Final, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -32,6 +32,20 @@ _BITS: Final = 64
 CellKey: TypeAlias = tuple[str, tuple[int, ...]]
 Cells: TypeAlias = dict[CellKey, ValValue]
 """Values of variables, and of the elements of arrays, by name and indices."""
+
+
+class NextMotion(NamedTuple):
+    """Speed, configuration and hand that are asked of one motion to come.
+
+    Attributes:
+        speed: and whether it is in mm/s; None for that of the program.
+        words: letters of the configuration; empty to keep it.
+        hand: opened or closed as it begins; None to leave it.
+    """
+
+    speed: tuple[float, bool] | None
+    words: str
+    hand: bool | None
 
 
 class Machine:
@@ -177,11 +191,15 @@ class Machine:
         self.forget_destination()
 
     def forget_next_motion(self) -> None:
-        """Forget what was asked of the next motion, by a program that has been given up: speed, configuration, hand."""
+        """Forget what was asked of the next motion, by a program that has been given up, and by what is typed."""
+        self.ask_nothing_of_next()
+        self._aside: NextMotion | None = None
+
+    def ask_nothing_of_next(self) -> None:
+        """Let nothing be asked of the next motion: no speed, configuration or hand of its own."""
         self.next_speed: tuple[float, bool] | None = None
         self.words = ""
         self.hand_at_next: bool | None = None
-        self._aside: tuple[tuple[float, bool] | None, str, bool | None] | None = None
 
     def set_aside(self) -> None:
         """Steps are typed while a program is paused: what it asked of its next motion stays for that; see `take_up`.
@@ -189,12 +207,23 @@ class Machine:
         Motions that are typed have the same speed and configuration, when no others are typed before; the hand waits.
         """
         if self._aside is None:
-            self._aside, self.hand_at_next = (self.next_speed, self.words, self.hand_at_next), None
+            self._aside, self.hand_at_next = self.asked_of_next, None
+
+    @property
+    def asked_of_next(self) -> NextMotion:
+        """Speed, configuration and hand that have been asked of the next motion."""
+        return NextMotion(self.next_speed, self.words, self.hand_at_next)
+
+    def behind_reaction(self, asked: NextMotion) -> None:
+        """A reaction has ended: what its program had `asked` counts again, and else what the reaction asked."""
+        self.next_speed = asked.speed or self.next_speed
+        self.words = asked.words or self.words
+        self.hand_at_next = self.hand_at_next if asked.hand is None else asked.hand
 
     def take_up(self) -> None:
         """The program goes on, as it asked, or as was typed last for its next motion."""
         if self._aside is not None:
-            self.hand_at_next = self._aside[2] if self.hand_at_next is None else self.hand_at_next
+            self.hand_at_next = self._aside.hand if self.hand_at_next is None else self.hand_at_next
             self._aside = None
 
     def forget_destination(self) -> None:

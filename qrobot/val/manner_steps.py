@@ -42,23 +42,27 @@ def _parameter(run: Interpreter, task: ValTask, action: tree.ParameterSetting) -
     value = number_ranges.PARAMETER_RANGES[action.name].check(number_of(action.value, task))
     match action.name:
         case "COLLISION":
-            run.machine.tell_collisions(value, run.machine.switches["COMPLY"])
+            with run.may_wait(task):
+                run.machine.tell_collisions(value, run.machine.switches["COMPLY"])
         case "RETRACT":
             run.machine.arm.retract(value)
         case "HAND.TIME":
             run.machine.hand_time_s = value
 
 
-def _switch(run: Interpreter, _task: ValTask, action: tree.SwitchSetting) -> None:
+def _switch(run: Interpreter, task: ValTask, action: tree.SwitchSetting) -> None:
     if "COMPLY" in action.switches:
-        run.machine.tell_collisions(run.machine.collision_percent, action.on)
+        with run.may_wait(task):
+            run.machine.tell_collisions(run.machine.collision_percent, action.on)
     run.machine.switches |= dict.fromkeys(action.switches, action.on)
 
 
 def _payload(run: Interpreter, task: ValTask, kg: tree.Expression, *centre: tree.Expression | None) -> None:
     """PAYLOAD: mass, and its centre in the frame of the flange, mm."""
     at = [0.0 if number is None else number_of(number, task) for number in centre]
-    run.machine.arm.payload(number_of(kg, task), (*at, *[0.0] * (3 - len(at))))
+    mass = number_of(kg, task)
+    with run.may_wait(task):
+        run.machine.arm.payload(mass, (*at, *[0.0] * (3 - len(at))))
 
 
 WORDS: Final[dict[str, Callable[..., Waits | None]]] = {

@@ -114,18 +114,24 @@ class ValMonitor:
         Raises:
             LinkError, ServoFault: the arm is lost.
         """
-        self.stopped = False
+        self.stopped, error = False, self._run.error
         word, rest = [*line.split(None, 1), "", ""][:2]
         if not word or word.startswith(";"):
             return ""
         try:
             return self._obey(word.upper(), rest.strip())
         except KeyboardInterrupt:
-            return "interrupted: the arm stands; PROCEED goes on"
+            return self._interrupted(self._run.error not in (None, error))
         except (LinkError, ServoFault):
             raise
         except QRobotError as error:
             return f"error: {error}"
+
+    def _interrupted(self, failed: bool) -> str:
+        """Words for a command that Ctrl-C has ended, in whose last turn a step may have failed as well."""
+        goes_on = "; PROCEED goes on" if self._run.unfinished or self._machine.arm.off_path else ""
+        failure = f"\n{self._told(self._run.state)}" if failed and self._run.state is RunState.FAILED else ""
+        return f"interrupted: the arm stands{goes_on}{failure}"
 
     def _obey(self, word: str, rest: str) -> str:
         if word.startswith("?") or word == "HELP":
@@ -174,7 +180,7 @@ class ValMonitor:
         return ""
 
     def _abort(self, _rest: str) -> str:
-        self._run.need_path()
+        self._run.rest.need_path()
         self._run.abort()
         return "aborted"
 

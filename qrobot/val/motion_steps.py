@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from qrobot.errors import ProgramError, QRobotError
+from qrobot.errors import ProgramError
 from qrobot.model.transform import transform
 from qrobot.units import M_PER_MM, RAD_PER_DEG
 from qrobot.val import number_ranges, tree
@@ -53,15 +53,11 @@ def _go(
 ) -> Waits:
     """Queue a motion, and wait until it begins: then the arm has passed the place before it."""
     machine, arm = run.machine, run.machine.arm
-    try:
-        machine.go(name, location, straight, per_cent)
-    except QRobotError:
-        if run.task is not None and run.task.on_error:  # REACTE's program leads out of it, with the hand as it is
-            machine.hand_at_next = None
-        raise
+    machine.go(name, location, straight, per_cent)
+    hand, given_up = machine.hand_at_next, run.rest.given_up
+    machine.hand_at_next = None  # a reaction on the way there has none to take
     yield lambda: arm.waiting == 0
-    if (hand := machine.hand_at_next) is not None:
-        machine.hand_at_next = None
+    if hand is not None and run.rest.given_up == given_up:
         arm.hand(hand)
     if not machine.switches["CP"]:
         yield lambda: arm.idle
@@ -101,7 +97,7 @@ def wait_for_arrival(run: Interpreter, _task: ValTask) -> Waits:
 
 
 def _brake(run: Interpreter, _task: ValTask) -> Waits:
-    run.give_up_motions()
+    run.rest.give_up_motions()
     yield lambda: run.machine.arm.idle
 
 
@@ -133,6 +129,7 @@ def _base(run: Interpreter, task: ValTask, *numbers: tree.Expression | None) -> 
     run.machine.forget_destination()
 
 
+MOTIONS: Final = frozenset(("MOVE", "MOVES", "APPRO", "APPROS", "DEPART", "DEPARTS", "DRIVE", "ALIGN", "READY"))
 WORDS: Final[dict[str, Callable[..., Waits | None]]] = {
     "MOVE": _move(straight=False),
     "MOVES": _move(straight=True),

@@ -21,6 +21,11 @@ _ACTIONS: Final[dict[type, Callable[..., Waits | None]]] = (
 )
 
 
+def is_motion(action: tree.StepAction | None) -> bool:
+    """Whether an action is a motion of the arm, for which a speed or a configuration may have been asked."""
+    return isinstance(action, tree.Instruction) and action.word in motion_steps.MOTIONS
+
+
 def do_step(run: Interpreter, task: ValTask, action: tree.StepAction) -> Waits | None:
     """Begin an action; what it waits for, None for nothing. Raises ProgramError, MotionError."""
     if isinstance(action, tree.Instruction):

@@ -11,7 +11,7 @@ from qrobot.config import Robot
 from qrobot.errors import ProgramError
 from qrobot.val import tree
 from qrobot.val.evaluate import Surroundings, evaluate, indices_of
-from qrobot.val.machine import CellKey, Cells, Machine
+from qrobot.val.machine import CellKey, Cells, Machine, NextMotion
 from qrobot.val.structure import jumps_of
 from qrobot.val.values import JointLocation, Transformation, ValValue
 from qrobot.val.vocabulary import taken
@@ -45,6 +45,7 @@ class CallFrame:
         again: the FOR that its END has just led back to.
         interrupted: the caller's step that goes on afterwards, None for none.
         priority_before: of the task that a reaction has interrupted; None for a call.
+        asked_before: of the next motion, by the program that a reaction has interrupted; None for a call.
     """
 
     program: tree.ValProgram
@@ -54,6 +55,7 @@ class CallFrame:
     interrupted: StepUnderWay | None = None
     again: int = -1
     priority_before: int | None = None
+    asked_before: NextMotion | None = None
 
     def __post_init__(self) -> None:
         self.jumps, errors = jumps_of(self.program)
@@ -180,6 +182,11 @@ class ValTask:
             self.frames[-1].interrupted = StepUnderWay(self.doing, self.until, self.at, self.last)
         self.doing = self.until = None
 
+    def keep_next_motion(self) -> None:
+        """Keep what has been asked of the next motion for the program that a reaction has just interrupted."""
+        self.frame_now.asked_before = self.machine.asked_of_next
+        self.machine.ask_nothing_of_next()
+
     def return_(self) -> None:
         """End the innermost call."""
         frame, self.doing, self.until = self.frames.pop(), None, None
@@ -187,6 +194,8 @@ class ValTask:
             self.doing, self.until, self.at, self.last = frame.interrupted
         if frame.priority_before is not None:
             self.priority = frame.priority_before
+        if frame.asked_before is not None:
+            self.machine.behind_reaction(frame.asked_before)
         if not self.frames:
             self.priority = 0
 

@@ -74,7 +74,8 @@ def _type_out(run: Interpreter, task: ValTask, action: tree.TypeOut) -> None:
         else:
             text += _written(number_of(item, task), form)
     if run.machine.switches["MESSAGES"]:
-        run.machine.say(text)
+        with run.may_wait(task):
+            run.machine.say(text)
 
 
 def _count(form: str, letter: str) -> int:
@@ -92,11 +93,8 @@ def _written(value: float, form: str) -> str:
 
 def _prompt(run: Interpreter, task: ValTask, action: tree.PromptFor) -> Waits:
     yield lambda: run.machine.arm.idle  # no signal is looked for while somebody is asked
-    try:
+    with run.may_wait(task):
         answer = run.machine.ask(action.text).strip()
-    except KeyboardInterrupt:
-        task.frame_now.pc -= 1  # PROCEED asks again
-        raise
     try:
         number = float(answer or 0.0)
     except ValueError:

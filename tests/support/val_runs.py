@@ -90,3 +90,15 @@ def number(run: Interpreter, name: str) -> float:
 def main_program(*lines: str, rest: str = "") -> str:
     """A file with a program `main` of these lines."""
     return "\n".join([".PROGRAM main", *lines, ".END", rest])
+
+
+def interrupt_at(run: Interpreter, sample: int) -> None:
+    """Ctrl-C in the sample of this number, from now, and never again."""
+    count, sampled = iter(range(1_000_000)), run.machine.arm.sample
+
+    def look() -> None:
+        sampled()
+        if next(count) == sample:
+            raise KeyboardInterrupt
+
+    run.machine.arm.sample = look  # type: ignore[method-assign]

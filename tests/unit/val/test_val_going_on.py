@@ -7,10 +7,10 @@ import pytest
 from qrobot.arrays import Floats
 from qrobot.errors import MotionError, ProgramError
 from qrobot.val.arm import Destination
-from qrobot.val.interpreter import Interpreter, RunState
+from qrobot.val.interpreter import RunState
 from qrobot.val.source import read_source
 from tests.support.puma import PARK
-from tests.support.val_runs import interpreter, main_program
+from tests.support.val_runs import interpreter, interrupt_at, main_program
 
 PLACES = """
 .LOCATIONS
@@ -99,25 +99,13 @@ def test_the_hand_of_a_program_that_is_given_up_stays_as_it_is(given_up: str) ->
         assert hands == []
 
 
-def _interrupt_at(run: Interpreter, sample: int) -> None:
-    """Ctrl-C in the sample of this number, from now."""
-    count, sampled = iter(range(1_000_000)), run.machine.arm.sample
-
-    def look() -> None:
-        sampled()
-        if next(count) == sample:
-            raise KeyboardInterrupt
-
-    run.machine.arm.sample = look  # type: ignore[method-assign]
-
-
 def _ends(lines: tuple[str, ...], library: str, after: tuple[str, ...] = ()) -> Floats:
     """Where the tool is at the end, also when Ctrl-C came on the way to `a` and `after` was typed. Shape (4, 4)."""
     with interpreter(main_program(*lines, rest=PLACES), library=library) as (run, _):
         if not after:
             assert run.execute("main") is RunState.COMPLETED, run.message
             return run.machine.frame("here")
-        _interrupt_at(run, 8)
+        interrupt_at(run, 8)
         with pytest.raises(KeyboardInterrupt):
             run.execute("main")
         assert run.machine.arm.q != pytest.approx(PARK, abs=0.01)  # on its way
@@ -159,7 +147,7 @@ def test_a_departure_that_failed_is_retried_from_where_the_motion_before_leads()
 def test_motions_that_could_not_be_gone_on_with_are_kept_for_the_next_proceed() -> None:
     """Whether the library refuses one, or Ctrl-C comes in between: none is lost, and none is left out."""
     with interpreter(main_program("MOVE a", "MOVES b", "x = 1", "MOVE a", rest=PLACES)) as (run, _):
-        _interrupt_at(run, 8)
+        interrupt_at(run, 8)
         with pytest.raises(KeyboardInterrupt):
             run.execute("main")
         arm, gone = run.machine.arm, []
@@ -189,7 +177,7 @@ def test_the_signal_of_a_running_program_is_on_while_it_runs_and_at_no_other_tim
         assert run.execute("main") is RunState.PAUSED
         assert run.machine.arm.outputs == 0
         run.do("z = SIG(2)")
-        _interrupt_at(run, 8)
+        interrupt_at(run, 8)
         with pytest.raises(KeyboardInterrupt):
             run.proceed()
         assert run.machine.arm.outputs == 0

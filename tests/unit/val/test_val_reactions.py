@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import pytest
 
+from qrobot.val.arm import Destination
 from qrobot.val.interpreter import RunState
-from tests.support.val_runs import PLACES, interpreter, main_program, number
+from tests.support.val_runs import PLACES, interpreter, interrupt_at, main_program, number
 
 NEAR_B = "\n.PROGRAM p\nWAIT DISTANCE(HERE, b) < 200\nSIGNAL 2001\n.END\n"
 SOON = "\n.PROGRAM p\nWAIT TIMER(1) > 0.2\nSIGNAL 2001\n.END\n"
@@ -243,3 +244,89 @@ def test_the_return_of_a_reaction_restores_the_priority_before_it() -> None:
     with interpreter(main_program(*lines, rest=ENTER + PULSE)) as (run, _):
         assert run.execute("main") is RunState.COMPLETED, run.message
         assert number(run, "x") == 2.0
+
+
+ASKED = "\n.PROGRAM r\n{}\n.END\n"
+
+
+@pytest.mark.parametrize("library", ["rccl", "arcl"])
+@pytest.mark.parametrize(
+    ("asked", "reaction", "shares", "hands"),
+    [
+        (("SPEED 20", "OPEN"), "MOVE a", [1.0, 0.2], [(2, True)]),
+        (("SPEED 20", "OPEN"), "SPEED 50\nCLOSE\nMOVE a", [0.5, 0.2], [(1, False), (2, True)]),
+        (("SPEED 20", "OPEN"), "SPEED 50\nCLOSE", [0.2], [(1, True)]),
+        ((), "SPEED 50\nCLOSE", [0.5], [(1, False)]),
+    ],
+)
+def test_what_is_asked_of_the_next_motion_is_not_for_the_motion_of_a_reaction(
+    library: str,
+    asked: tuple[str, ...],
+    reaction: str,
+    shares: list[float],
+    hands: list[tuple[int, bool]],
+) -> None:
+    """The reaction comes between OPEN and the motion that it is for, and would let go what the hand holds."""
+    lines = "REACT 2001, r", *asked, "SIGNAL 2001", "MOVE b", "BREAK"
+    with interpreter(main_program(*lines, rest=ASKED.format(reaction) + PLACES), library=library) as (run, _):
+        gone: list[float] = []
+        opened: list[tuple[int, bool]] = []
+        move = run.machine.arm.move
+
+        def record(destination: Destination) -> None:
+            gone.append(destination.share)
+            move(destination)
+
+        run.machine.arm.move = record  # type: ignore[method-assign]
+        run.machine.arm.hand = lambda on: opened.append((len(gone), on))  # type: ignore[method-assign]
+        assert run.execute("main") is RunState.COMPLETED, run.message
+        assert gone == pytest.approx(shares)
+        assert opened == hands
+
+
+def test_what_was_asked_of_a_motion_that_failed_is_not_for_the_one_that_leads_out_of_it() -> None:
+    out = "\n.PROGRAM r\nMOVE a\n.END\n.LOCATIONS\nfar 3000 0 0 90 90 0\n.END\n"
+    lines = "REACTE r", "SPEED 20", "LEFTY", "MOVE far", "MOVE b"
+    with interpreter(main_program(*lines, rest=out + PLACES)) as (run, _):
+        gone: list[tuple[str, float, str]] = []
+        move = run.machine.arm.move
+
+        def record(destination: Destination) -> None:
+            move(destination)
+            gone.append((destination.name, destination.share, destination.letters))
+
+        run.machine.arm.move = record  # type: ignore[method-assign]
+        assert run.execute("main") is RunState.COMPLETED, run.message
+        assert gone == [("a", 1.0, ""), ("b", 1.0, "")]
+
+
+@pytest.mark.parametrize("typed", ["BRAKE", "CALL sub"])
+def test_what_is_typed_takes_no_hand_from_a_program_that_is_paused(typed: str) -> None:
+    """`sub` has a reaction of its own, and an error that REACTE takes."""
+    sub = "\n.PROGRAM sub\nREACT 2001, r\nSIGNAL 2001\nREACTE r\nn = 1/0\n.END\n" + ASKED.format("m = 1")
+    lines = "MOVE a", "OPEN", "SPEED 20", "PAUSE", "MOVE b", "BREAK"
+    with interpreter(main_program(*lines, rest=sub + PLACES)) as (run, _):
+        opened: list[bool] = []
+        run.machine.arm.hand = opened.append  # type: ignore[method-assign]
+        assert run.execute("main") is RunState.PAUSED
+        run.do(typed)
+        assert opened == []
+        begin_s = run.machine.arm.time_s
+        assert run.proceed() is RunState.COMPLETED, run.message
+        assert opened == [True]
+        assert run.machine.arm.time_s - begin_s > 2.0  # at a fifth of the speed
+
+
+def test_a_brake_that_is_typed_while_a_motion_waits_leaves_that_its_hand() -> None:
+    with interpreter(main_program("MOVE a", "OPEN", "MOVE b", "BREAK", rest=PLACES)) as (run, _):
+        opened: list[bool] = []
+        arm = run.machine.arm
+        arm.hand = opened.append  # type: ignore[method-assign]
+        interrupt_at(run, 8)
+        with pytest.raises(KeyboardInterrupt):
+            run.execute("main")
+        assert arm.q != pytest.approx(run.machine.robot.poses["park"], abs=0.01)
+        run.do("BRAKE")
+        assert opened == []
+        assert run.proceed() is RunState.COMPLETED, run.message
+        assert opened == [True]
