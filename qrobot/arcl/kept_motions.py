@@ -128,7 +128,7 @@ class KeptMotions:
     def setpoint(self, override: float) -> Floats | None:
         """The setpoint (n,) of a sample off the path; None on it. Raises what `KeptPath.way_back` raises."""
         if self._retreat.fault is not None:
-            return self._retreat.step(paused=override == 0.0)
+            return self._retreat.step(self._queue.tick, paused=override == 0.0)
         if self._path is None:
             return None
         q = self._path.way_back(self._queue.tick, override)

@@ -5,13 +5,13 @@ from __future__ import annotations
 from contextlib import nullcontext
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 from qrobot.cli.arms import DEFAULT_DEPLOYMENT, choose_arm, controlled_robot, fences_of_arm, inside_fences, robot_of_arm
 from qrobot.cli.console import note, out, write_json
 from qrobot.cli.option_types import OutputTable, SmoothOption
 from qrobot.realtime.signals import ends_as_ctrl_c
-from qrobot.units import DEG_PER_RAD, M_PER_MM, MM_PER_M, S_PER_MS, US_PER_MS
+from qrobot.units import DEG_PER_RAD, M_PER_MM, MM_PER_M, NS_PER_S, S_PER_MS, US_PER_MS
 
 if TYPE_CHECKING:
     from qrobot.arrays import Floats
@@ -20,6 +20,9 @@ if TYPE_CHECKING:
     from qrobot.rccl.channel import Channel
     from qrobot.rccl.setpoints import Setpoints
     from qrobot.rci import LinkFactory
+
+
+SLOWED_S: Final = 0.5  # by which a replay takes longer that was slowed down or paused
 
 
 @ends_as_ctrl_c()
@@ -94,13 +97,17 @@ def replay(
             channel.move(Position("first setpoint", setpoints.q[0]))
             channel.waitfor(channel.completed)
         channel.play(setpoints, str(file))
+        begin_ns = channel.how.t_ns
         worst = _worst_errors(channel)
+        took_s = (channel.how.t_ns - begin_ns) / NS_PER_S
     if json:
         errors = dict(zip(robot.joint_names, worst.tolist(), strict=True))
-        write_json({"setpoints": len(setpoints.q), "seconds": float(setpoints.t[-1]), "largest_error": errors})
+        seconds = {"seconds": float(setpoints.t[-1]), "seconds_taken": took_s}
+        write_json({"setpoints": len(setpoints.q), **seconds, "largest_error": errors})
         return
-    error = _in_words(worst, robot)
-    out.print(f"{len(setpoints.q)} setpoints in {setpoints.t[-1]:.2f} s; farthest from them: {error}")
+    slower = f", slowed to {took_s:.2f} s" if took_s > setpoints.t[-1] + SLOWED_S else ""
+    told = f"{len(setpoints.q)} setpoints in {setpoints.t[-1]:.2f} s{slower}"
+    out.print(f"{told}; farthest from them: {_in_words(worst, robot)}")
 
 
 def _made_up(files: list[Path], smooth_mm: float | None, robot: Robot) -> Setpoints:

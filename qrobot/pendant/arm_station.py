@@ -185,14 +185,10 @@ class ArmStation:
     def hold_program(self, left: ArmStation) -> None:
         """Pause the program of this arm on its path, at every arm that it reaches, if it reaches one that was `left`.
 
-        A recording that is followed, which no pause holds, is ended; so is what turns out not to be held.
+        What turns out not to be held is ended.
         """
         moved = (self, *self._reached)
         if not self.programs.live or left not in moved:
-            return
-        if self.programs.replays:
-            self.programs.end()
-            self.tell("no page drives: the recording is no longer followed")
             return
         for arm in moved:
             arm.pause.ask(self._clock())

@@ -12,11 +12,13 @@ from pathlib import Path
 from typing import Any, Final
 
 from qrobot.errors import ConfigError
+from qrobot.printable import printable
 
 LANGUAGES: Final = {".py": "Python", ".c": "C", ".v2": "VAL"}
 RECORDING: Final = "recording"  # in the place of a language
 RECORDED: Final = "recorded/"  # before the name of a file of setpoints
-MOST_PROGRAMS: Final = 500
+MOST_PROGRAMS: Final = 500  # that are listed
+DEEPEST: Final = 2  # parts of a name
 MOST_LETTERS: Final = 200_000  # of a source
 _VAL_PROGRAM: Final = re.compile(r"^[ \t]*\.PROGRAM[ \t]+([A-Za-z][\w.]*)", re.MULTILINE | re.IGNORECASE)
 
@@ -48,10 +50,14 @@ class ProgramFolder:
 
     def path_of(self, name: str) -> Path:
         """Path of a program of the folder. Raises ConfigError: there is none of that name."""
-        programs = self._programs()
-        if name not in programs:
-            raise ConfigError(f"there is no program {name!r} in {self.where or 'the folder of programs'}")
-        return programs[name]
+        try:
+            path = self._recording(name.removeprefix(RECORDED)) if name.startswith(RECORDED) else None
+            path = path or self._program(name)
+        except OSError:  # as of a name that no file can have
+            path = None
+        if path is None:
+            raise ConfigError(f"there is no program {printable(name)!r} in {self.where or 'the folder of programs'}")
+        return path
 
     def source(self, name: str) -> str:
         """Its text, as far as a page shows it. Raises ConfigError: there is none, or it cannot be read."""
@@ -63,13 +69,27 @@ class ProgramFolder:
             found |= {str(path.relative_to(self._root)): path for path in sorted(_files(self._root))}
         return dict(list(found.items())[:MOST_PROGRAMS])
 
+    def _program(self, name: str) -> Path | None:
+        """A program of the folder, without a look at the others: the folder may be long."""
+        path = None if self._root is None else self._root / name
+        if path is None or self._root is None or str(path) != f"{self._root}/{name}":
+            return None
+        return path if _is_program(path, self._root) else None
+
+    def _recording(self, name: str) -> Path | None:
+        """The same of a recording, by its name without `RECORDED`."""
+        path = None if self._recordings is None else self._recordings / name
+        return path if path is not None and path.parent == self._recordings and self._is_recording(path) else None
+
     def _recorded(self) -> list[Path]:
         """Recordings of the arm, newest first."""
         if self._recordings is None:
             return []
-        name = re.compile(re.escape(self._of) + r"(-\d+)?\.csv")
-        found = [path for path in self._recordings.glob("*.csv") if name.fullmatch(path.name) and path.is_file()]
+        found = [path for path in self._recordings.glob("*.csv") if self._is_recording(path)]
         return sorted(found, key=lambda path: path.stat().st_mtime_ns, reverse=True)
+
+    def _is_recording(self, path: Path) -> bool:
+        return bool(re.fullmatch(re.escape(self._of) + r"(-\d+)?\.csv", path.name)) and path.is_file()
 
 
 def language_of(path: Path) -> str:
@@ -106,14 +126,16 @@ def _checked(path: Path) -> Path:
 def _files(root: Path) -> Iterator[Path]:
     for pattern in ("*", "*/*"):
         for path in root.glob(pattern):
-            hidden = any(part.startswith((".", "_")) for part in path.relative_to(root).parts)
-            if path.suffix in LANGUAGES and not hidden and path.is_file() and _is_inside(path, root):
+            if _is_program(path, root):
                 yield path
 
 
-def _is_inside(path: Path, root: Path) -> bool:
-    """A link may lead elsewhere."""
-    return path.resolve().is_relative_to(root)
+def _is_program(path: Path, root: Path) -> bool:
+    """A program of the folder or of one right below it; a link may lead elsewhere."""
+    parts = path.relative_to(root).parts
+    hidden = any(part.startswith((".", "_")) for part in parts)
+    fits = 0 < len(parts) <= DEEPEST and path.suffix in LANGUAGES and not hidden
+    return fits and path.is_file() and path.resolve().is_relative_to(root)
 
 
 @lru_cache(MOST_PROGRAMS)

@@ -12,7 +12,7 @@ from typing import Any, Final, TypeAlias
 
 from qrobot.errors import MotionError
 from qrobot.pendant.command_run import CommandRun
-from qrobot.pendant.program_folder import RECORDED, RECORDING, ProgramFolder, language_of, stamp_of
+from qrobot.pendant.program_folder import RECORDING, ProgramFolder, language_of, stamp_of
 from qrobot.pendant.program_messages import PageProgramStart
 from qrobot.pendant.runner import NICE, Runner
 from qrobot.rci.tcp import BRIDGE_VARIABLE, ONLY_VARIABLE
@@ -66,11 +66,6 @@ class ProgramRunner(Runner):
     def live(self) -> bool:
         """A program runs that commands the arm."""
         return self.running is not None and self._request is not None and self._request.manner == "live"
-
-    @property
-    def replays(self) -> bool:
-        """The arm follows a recording, which no pause holds."""
-        return self.live and self._request is not None and self._request.name.startswith(RECORDED)
 
     @property
     def facts(self) -> dict[str, Any]:

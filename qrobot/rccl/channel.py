@@ -15,7 +15,7 @@ import numpy as np
 from qrobot.arrays import Floats
 from qrobot.config import Robot
 from qrobot.errors import ConfigError, LinkError, MotionError, QRobotError, letting_go
-from qrobot.motion import Equation, Exerted, PlannedPath, TransformKind, Trsf
+from qrobot.motion import Equation, Exerted, PlannedPath, TransformKind, Trsf, motion_limits
 from qrobot.motion.kept import WayBackLimit
 from qrobot.rccl.arguments import require_function, sample_period_us
 from qrobot.rccl.arm_session import ArmSession, ended_well
@@ -23,7 +23,7 @@ from qrobot.rccl.event import Event
 from qrobot.rccl.hand_and_outputs import HandAndOutputs
 from qrobot.rccl.parameters import MotionParameters, MoveOrder
 from qrobot.rccl.position import Position, require_position, there
-from qrobot.rccl.setpoints import Setpoints
+from qrobot.rccl.setpoints import Setpoints, judge
 from qrobot.rccl.task import TrajectoryTask
 from qrobot.rccl.trace import Trace, add_trace
 from qrobot.rci import Chg, Link
@@ -138,8 +138,7 @@ class Channel(HandAndOutputs, MotionParameters):
 
         1 without fences. Shapes (n,).
         """
-        fences = self._task.fences
-        if fences is None:
+        if (fences := self._task.fences) is None:
             return 1.0
         return fences.for_one_thread().clear_share(start * self._radians, goal * self._radians)
 
@@ -282,13 +281,17 @@ class Channel(HandAndOutputs, MotionParameters):
     def play(self, setpoints: Setpoints, label: str = "setpoints") -> None:
         """Send setpoints as they are, one each sample, and return at once; `completed` when the last one is out.
 
-        They must begin where the arm stands. `label` says where they are from, for messages.
+        They must begin where the arm stands. At an override below 100 %, the program's or the operator's, they pass
+        slower, and in a pause not at all, as other motions do. `label` says where they are from, for messages.
 
         Raises:
             JointLimit, MotionError: the arm cannot do that, does not stand there, moves, or has another sample period.
         """
+        task, limits = self._task, motion_limits(self.robot).slowed(self.how.speed_limit)
+        fences = None if task.fences is None else task.fences.for_one_thread()
+        judge(setpoints, self.robot.name, task.period_s, limits, fences, label)  # long ones take longer than a sample
         with self._session.task():
-            self._task.play(setpoints, label)
+            task.play(setpoints, label)
 
     def plan(self) -> PlannedPath:
         """The path from now to rest of the motions asked for so far, before it runs; SI units, as in `how`.
@@ -384,7 +387,7 @@ class Channel(HandAndOutputs, MotionParameters):
     def rate(self) -> float:
         """Speed of the motion as a share of the programmed one, now: 0 while it is paused, 1 as programmed."""
         with self._session.task():
-            return self._task.generator.rate
+            return self._task.rate
 
     def nextmove(self, code: int = YES) -> None:
         """End the present motion now with `code` in its position; go on to the next one, or stop if none waits.

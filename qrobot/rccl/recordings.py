@@ -40,9 +40,10 @@ def smoothed(recording: Setpoints, robot: Robot, tolerance_m: float) -> Setpoint
         tolerance_m: of the flange and of points `BESIDE_M` beside it.
 
     Raises:
-        ConfigError: the tolerance is not above zero. MotionError: the arm does not move, cannot be slowed down so far,
-            or a joint leaves its range.
+        ConfigError: the tolerance is not above zero, or the recording is another robot's. MotionError: the arm does not
+            move, cannot be slowed down so far, or a joint leaves its range.
     """
+    _require_robot(recording, robot)
     if not 0.0 < tolerance_m < np.inf:
         raise ConfigError(f"a tolerance of {1e3 * tolerance_m:g} mm: a number above 0 is needed")
     arm, limits, period_s = Arm(robot), motion_limits(robot), recording.period_us * 1e-6
@@ -80,18 +81,24 @@ def joined(parts: Sequence[Setpoints], robot: Robot) -> Setpoints:
     """Several recordings as one, with slow motions of the joints between their ends.
 
     Raises:
-        ConfigError: there is none, or they are not of one arm with one sample period.
+        ConfigError: there is none, or they are not of this robot, with one sample period.
     """
     if not parts:
         raise ConfigError("there is nothing to join")
     if len({(part.robot, part.period_us) for part in parts}) > 1:
         told = ", ".join(f"{part.robot} every {part.period_us} us" for part in parts)
         raise ConfigError(f"only recordings of one arm and one sample period can be joined, not {told}")
+    _require_robot(parts[0], robot)
     limits, period_s = motion_limits(robot), parts[0].period_us * 1e-6
     rows = [parts[0].q]
     for before, after in pairwise(parts):
         rows += [_between(before.q[-1], after.q[0], limits, period_s), after.q]
     return replace(parts[0], q=np.concatenate(rows))
+
+
+def _require_robot(recording: Setpoints, robot: Robot) -> None:
+    if recording.robot != robot.name:
+        raise ConfigError(f"the recording was made for {recording.robot}, this is {robot.name}")
 
 
 def _points(arm: Arm, q: Floats) -> Floats:

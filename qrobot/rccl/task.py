@@ -35,7 +35,7 @@ from qrobot.rccl.callback_timing import CallbackTiming
 from qrobot.rccl.event import Level
 from qrobot.rccl.open_motions import OpenMotions
 from qrobot.rccl.parameters import MoveOrder
-from qrobot.rccl.setpoints import Setpoints, check_start, judge
+from qrobot.rccl.setpoints import Setpoints, check_start
 from qrobot.rccl.task_group import TaskGroup
 from qrobot.rccl.trace import Trace
 from qrobot.rci import RobotData, TaskDescriptor
@@ -98,37 +98,29 @@ class TrajectoryTask:
         self.override, self.paused = FULL_SPEED, False
         self.keeps_path, self.way_back = False, WayBackLimit()
         self.retract_m, self._retreat = 0.0, Retreat()
-        self._kept: KeptPath | None = None
         self.each_sample: Callable[[], object] | None = None
-        self._moved = False  # joints, by that function in the sample before
         self.robot, self._blend = robot, blend
         self._limits = self._full_limits = motion_limits(robot)
         arm = Arm(robot)
-        self._kinematics = kinematics_of(arm)
-        self.fences, self.motions = fences, OpenMotions(arm)
-        self._load = Payload(0.0)
-        self._player: SetpointPlayer | None = None  # whose setpoints go out instead of the generator's
-        self._cycle = self._new_cycle(period_s, clear_fault)
-        self._begin(period_s, trace)
+        self._kinematics, self.fences, self.motions = kinematics_of(arm), fences, OpenMotions(arm)
+        self._load, self._moved = Payload(0.0), False  # joints, by `each_sample` in the sample before
+        self._begin(period_s, trace, clear_fault)
 
     def begin(self, period_s: float, trace: Trace | None = None) -> None:
         """Take the arm anew, with this sample period."""
         self._tick_before = self.tick
-        self._cycle = self._new_cycle(period_s, clear_fault=False)
-        self._begin(period_s, trace)
+        self._begin(period_s, trace, clear_fault=False)
 
-    def _new_cycle(self, period_s: float, clear_fault: bool) -> RobotCycle:
-        """The generator judges its own setpoints."""
-        adopts = self.td.heard is None
-        return RobotCycle(self.td, self._data, period_s, clear_fault, self._hooks, judged=False, adopts=adopts)
-
-    def _begin(self, period_s: float, trace: Trace | None) -> None:
+    def _begin(self, period_s: float, trace: Trace | None, clear_fault: bool) -> None:
+        adopts = self.td.heard is None  # and the generator judges its own setpoints
+        self._cycle = RobotCycle(self.td, self._data, period_s, clear_fault, self._hooks, judged=False, adopts=adopts)
         self.period_s = period_s
         self.force = ForceControl(self.robot, period_s, self._kinematics)
         self.carry(self._load)
         self.timing = CallbackTiming(period_s * 1e3)
         self._generator: Generator | None = None
-        self._kept = None
+        self._player: SetpointPlayer | None = None  # whose setpoints go out instead of the generator's
+        self._kept: KeptPath | None = None
         self._trace = trace
 
     # -------------------------------------------------------------------------------------------- from the program
@@ -182,8 +174,14 @@ class TrajectoryTask:
     @property
     def moves(self) -> bool:
         """The arm is under way on its path."""
-        on_path = self._generator is not None and not self.off_path
-        return on_path and bool(np.abs(self.generator.state()[1]).max() > _STANDING)
+        if self._generator is None or self.off_path:
+            return False
+        return self._player.moves if self._player else bool(np.abs(self._generator.state()[1]).max() > _STANDING)
+
+    @property
+    def rate(self) -> float:
+        """Speed of the motion as a share of the programmed one: 0 while it stands still on its path."""
+        return self.generator.rate if self._player is None or self.off_path else self._player.rate
 
     def push(self, order: MoveOrder) -> None:
         """Queue a motion whose course is told to its position.
@@ -202,11 +200,12 @@ class TrajectoryTask:
         self.completed.count = 0
 
     def play(self, setpoints: Setpoints, label: str) -> None:
-        """Send setpoints one each sample. Raises what `Channel.play` raises."""
-        judge(setpoints, self.robot.name, self.period_s, self._limits, self.fences, label)
-        if self.busy:
+        """Send setpoints, which were judged before, one each sample. Raises MotionError: it cannot begin with them."""
+        if self.eventful or (self.tied and self.moves):
             raise MotionError(f"{label}: the arm still moves; wait for `completed` first")
-        check_start(setpoints.q[0], self.generator.state()[0], self._limits, label)
+        q = self.generator.state()[0]
+        check_start(setpoints.q[0], q, self._limits, label)
+        self._stand_at(q)  # and with no goal any more
         self._player = SetpointPlayer(setpoints.q, self.period_s, self._limits)
         self.completed.count = 0
 
@@ -382,9 +381,7 @@ class TrajectoryTask:
         command = self.force.command(output.q, seen, generator, tick)
         self.chg.drive(command.setpoints, command.torque)
         if self._trace is not None:
-            for event in output.events:
-                self._trace.told(event)
-            self._trace.sampled(output.q, seen.q)
+            self._trace.sampled(output.q, seen.q, output.events)
         if output.events:
             self.motions.notify(output.events, seen.q, tick)
             if self.group is not None:
@@ -398,7 +395,7 @@ class TrajectoryTask:
 
     def _go_back(self, how: RobotState) -> None:
         """Go a little back from what was met; there the program is told, or its path waits."""
-        self._send(self._retreat.step(self.paused or how.paused), how)
+        self._send(self._retreat.step(self.tick, self.paused or how.paused), how)
         if (met := self._retreat.over) is not None and self.follows_setpoints:
             self._retreat.forget()
             self._stopped(met)
@@ -420,8 +417,10 @@ class TrajectoryTask:
         return 0.0 if self.paused or waits else self.override * how.motion_override
 
     def _play(self, player: SetpointPlayer, how: RobotState) -> None:
-        q = player.step()
+        q = player.step(self.tick, self._override_in_force(how))
         self._send(q, how)
+        if self.generated is not None:
+            self.generated(q)
         self._retreat.note(q, self.retract_m > 0.0)
         if player.done:
             self._player = None

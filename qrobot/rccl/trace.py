@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 from collections import deque
+from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from typing import Any, Final
 
@@ -105,8 +106,10 @@ class Trace:
         elif event.kind is EventKind.LOST:
             traced.lost_s, traced.lost_code = self._now_s, event.code
 
-    def sampled(self, q: Floats, measured: Floats) -> None:
-        """Setpoints `q` went out while the joints were at `measured`, rad or m. Shapes (n,)."""
+    def sampled(self, q: Floats, measured: Floats, events: Iterable[MotionEvent] = ()) -> None:
+        """Setpoints `q` went out while the joints were at `measured`, rad or m, with `events`. Shapes (n,)."""
+        for event in events:
+            self.told(event)
         self._q.append(q.copy())
         self._measured.append(measured.copy())
         self._samples += 1

@@ -9,6 +9,7 @@ import pytest
 
 from qrobot import rci
 from qrobot.errors import MotionError
+from qrobot.model.arm import Arm
 from qrobot.multi_rccl import (
     EQ,
     TL,
@@ -33,6 +34,7 @@ from qrobot.multi_rccl.program import _program
 from qrobot.rccl import gentr_rpy, gentr_trsl
 from qrobot.rccl.offline import OfflineLink
 from qrobot.rccl.program import ending
+from qrobot.rccl.setpoints import Setpoints
 
 PLACE = gentr_rpy("PLACE", 500, 0, 0, 0, 180, 0)
 
@@ -117,3 +119,22 @@ def test_one_arm_is_paused_or_slowed_down_while_the_other_goes_on_and_its_path_s
     wait_for(left.completed)
     assert np.allclose(np.radians(left.j6), pose(left, "end").q, atol=1e-9)
     rccl_release(left)
+
+
+def test_an_arm_that_plays_setpoints_is_told_of_by_its_transform_as_in_any_motion(arms) -> None:
+    left, right = arms
+    robot = left.channel.robot
+    q = np.tile(np.radians(left.j6), (51, 1))
+    q[:, 0] += 0.2 * (1.0 - np.cos(2.0 * np.pi * np.linspace(0.0, 1.0, 51)))
+    away: list[float] = []
+
+    def arrived() -> bool:
+        assert np.allclose(left.trans.value, Arm(robot).forward(np.radians(left.j6)), atol=1e-12)
+        away.append(float(np.radians(left.j6)[0] - q[0, 0]))
+        return bool(left.completed.count)
+
+    left.channel.play(Setpoints(robot.name, round(left.task.period_s * 1e6), q))
+    wait_as(arrived)
+    assert max(away) > 0.35
+    assert away[-1] == pytest.approx(0.0, abs=1e-9)
+    assert (right.j6 == np.degrees(robot.poses["park"])).all()

@@ -1,4 +1,4 @@
-"""A page of the pendant whose connection is lost for a while: STOP, and what is being chosen and typed."""
+"""A page of the pendant: STOP, and what is being chosen and typed, also when the connection is lost for a while."""
 
 from __future__ import annotations
 
@@ -145,3 +145,31 @@ def test_a_page_whose_connection_is_lost_again_and_again_draws_the_arms_with_wha
             lose_the_connection(page)
             wait_until(lambda: page.run("return pendant.arm.state !== null"), "the arm is shown again")
         assert page.run(TAKEN) == taken
+
+
+def test_a_place_is_recorded_over_another_of_its_name_only_when_that_is_asked_twice(pendant: Pendant) -> None:
+    with open_browser() as driver:
+        page = Page(driver, pendant.address)
+        take_the_lease(page)
+        record(page, "FIXTURE")
+        page.click("tab-teach")
+        page.run(
+            "window.recorded = []; const say = pendant.say.bind(pendant);"
+            "pendant.say = (message) => (message.do === 'record' ? recorded.push(message.name) : say(message))"
+        )
+        field = "const field = document.getElementById('place-name'); field.value = arguments[0];"
+        for name, asked, recorded in (("FIXTURE", True, []), ("NEW", False, ["NEW"]), ("FIXTURE", True, ["NEW"])):
+            page.run(f"{field} field.dispatchEvent(new Event('input'))", name)
+            assert page.shows("#record", "Record where the arm is")
+            page.click("record")
+            assert page.shows("#record", "Really record over FIXTURE") == asked
+            assert page.run("return recorded") == recorded
+
+        def recorded_at_last() -> bool:  # not by the second click of a double one
+            page.click("record")
+            return bool(page.run("return recorded.length > 1"))
+
+        wait_until(recorded_at_last, "it is recorded over")
+        assert page.run("return recorded") == ["NEW", "FIXTURE"]
+        assert page.shows("#record", "Record where the arm is")
+        page.run("pendant.say({do: 'remove', arm: 0, name: arguments[0]})", "FIXTURE")

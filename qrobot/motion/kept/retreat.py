@@ -181,12 +181,12 @@ class Retreat:
         way = q[None] if self._halted else self._travelled.way_back(q, self._length_m, forward, recent)
         self._player = SetpointPlayer(slow_setpoints(way, limits, period_s, forward), period_s, limits)
 
-    def step(self, paused: bool) -> Floats:
-        """The next setpoint. Shape (n,). A pause ends the way where the arm comes to rest."""
+    def step(self, tick: int, paused: bool) -> Floats:
+        """The setpoint of sample `tick`. Shape (n,). A pause ends the way where the arm comes to rest."""
         assert self._player is not None  # it has begun
         if paused:
             self.stop()
-        return self._player.step()
+        return self._player.step(tick)
 
     @property
     def over(self) -> ServoFault | LinkError | None:

@@ -1,10 +1,11 @@
-"""Setpoints from a list, one each sample, with a stop at any instant."""
+"""Setpoints from a list, one each sample; slower or standing at the override, with a stop at any instant."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from qrobot.arrays import Floats
+from qrobot.motion.trajectory.speed_override import FULL_SPEED, SpeedOverride
 from qrobot.motion.world.limits import MotionLimits
 
 
@@ -19,24 +20,52 @@ class SetpointPlayer:
 
     def __init__(self, q: Floats, period_s: float, limits: MotionLimits) -> None:
         self._q = q
-        self._clock, self._rate, self._braking = 0.0, 1.0, 0.0
+        self._clock = 0.0  # of the list: its setpoints at whole numbers
+        self._tick: int | None = None  # the newest sample; None before the first
+        self._override = SpeedOverride(limits, period_s)
+        self._stopping = False
+        # Between rows the curve may swing out beyond them, by a fourteenth of a row: not beyond the range.
+        self._ends = np.minimum(limits.q_min, q.min(axis=0)), np.maximum(limits.q_max, q.max(axis=0))
         self._brake_step = period_s / float((limits.v_max / limits.a_max).max())
 
     @property
     def done(self) -> bool:
         """The arm was sent to the last setpoint, or has stopped before."""
-        return self._clock > len(self._q) - 1 or self._rate <= 0.0
+        return self._clock >= len(self._q) - 1 or (self._stopping and self._override.rate <= 0.0)
 
-    def step(self) -> Floats:
-        """The next setpoint. Shape (n,)."""
-        q = self._between(min(self._clock, len(self._q) - 1.0))
-        self._rate = max(0.0, self._rate - self._braking)
-        self._clock += self._rate
-        return q
+    @property
+    def rate(self) -> float:
+        """Setpoints of the list in a sample, now."""
+        return self._override.rate
+
+    @property
+    def moves(self) -> bool:
+        """The arm is under way."""
+        return self._tick is not None and self.rate > 0.0 and not self.done
+
+    def step(self, tick: int, override: float = FULL_SPEED) -> Floats:
+        """The setpoint of sample `tick`; time has passed in those that were left out as well. Shape (n,).
+
+        `override` is the rate at which the list is to pass, 0 to 1: below 1 there are setpoints between its rows.
+        """
+        if self._tick is None:
+            self._override.jump(0.0 if self._stopping else override)
+        elif self._stopping:
+            self._brake(tick - self._tick)
+        else:
+            self._clock += self._override.advance(float(tick - self._tick), override)
+        self._tick = tick
+        return np.clip(self._between(min(self._clock, len(self._q) - 1.0)), *self._ends)
 
     def stop(self) -> None:
         """Come to rest on the path."""
-        self._braking = self._brake_step
+        self._stopping = True
+
+    def _brake(self, samples: int) -> None:
+        while samples > 0 and self.rate > 0.0:
+            self._override.jump(max(0.0, self.rate - self._brake_step))
+            self._clock += self.rate
+            samples -= 1
 
     def _between(self, clock: float) -> Floats:
         """The cubic through the neighbours' mid slopes (Catmull and Rom); the list itself at whole numbers."""

@@ -198,9 +198,7 @@ class GeneratorHost:
         except LinkError:  # the arm does not hold yet
             return seen
         serving = generator.serving is not None
-        return replace(
-            seen, waiting=generator.waiting, serving=serving, stopping=generator.stopping, rate=generator.rate
-        )
+        return replace(seen, waiting=generator.waiting, serving=serving, stopping=generator.stopping, rate=task.rate)
 
     # ------------------------------------------------------------------------------------------- orders of the program
 

@@ -51,11 +51,6 @@ class RemoteGenerator:
         """See `Generator.stopping`."""
         return self._seen().stopping
 
-    @property
-    def rate(self) -> float:
-        """See `Generator.rate`."""
-        return self._seen().rate
-
     def skip(self, code: int) -> None:
         """See `Generator.skip`."""
         self._process.ask("skip", code)
@@ -215,6 +210,11 @@ class RemoteTask:
     def eventful(self) -> bool:
         """See `TrajectoryTask.eventful`."""
         return self._seen is not None and self._seen.eventful
+
+    @property
+    def rate(self) -> float:
+        """See `TrajectoryTask.rate`."""
+        return self.seen.rate
 
     @property
     def left(self) -> bool:

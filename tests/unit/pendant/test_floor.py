@@ -365,11 +365,6 @@ def test_a_program_of_two_arms_is_paused_at_both_when_either_of_them_is_left(
     monkeypatch.setattr(type(moving), "live", property(lambda programs: programs is moving))
     floor.says(0, do="take", arm=0)
     assert pauses(floor.says(0, do="give", arm=0)) == []  # it does not reach that one
-    floor.says(0, do="take", arm=0)
-    monkeypatch.setattr(type(moving), "replays", True)
-    monkeypatch.setattr(moving, "end", lambda: floor.asked.append("end"))
-    floor.says(0, do="give", arm=1)
-    assert floor.asked == [(1, {"do": "release"}), (1, {"do": "off"}), "end"]
 
 
 def test_a_lease_that_has_run_out_is_taken_from_an_arm_that_is_let_go(

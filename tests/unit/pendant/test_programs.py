@@ -72,7 +72,9 @@ def test_programs_of_the_folder_are_listed_and_a_page_reaches_no_other_file(fold
         ("a.py", "Python", []), ("sub/b.c", "C", []), ("v.v2", "VAL", ["main", "other.one"]),
     ]  # fmt: skip
     assert programs.source("sub/b.c") == "# sub/b.c"
-    for name in ("../secret.py", "out.py", str(folder / "a.py"), "sub/../a.py", "notes.txt", ".hidden.py", "./a.py"):
+    no_names = "é" * 200 + ".py", "a.py\0", "a\ud800.py"
+    others = "../secret.py", "out.py", str(folder / "a.py"), "sub/../a.py", "notes.txt", ".hidden.py", "./a.py"
+    for name in (*others, *no_names):
         with pytest.raises(ConfigError, match="there is no program"):
             programs.source(name)
     assert ProgramFolder(None).listing() == []
@@ -103,13 +105,30 @@ def test_recordings_of_the_arm_are_listed_newest_first_and_are_replayed(
         assert [command[: len(played)] for command in run.commands] == [played] * len(run.commands)
         assert run.commands[0][len(played)] == "--save-as"
         assert [command[len(played) :] for command in run.commands[1:]] == ([moves] if moves else [])
-        assert runner.replays == (manner == "live")
+        assert runner.live == (manner == "live")
         run.state = "done"
     with pytest.raises(MotionError, match="only programs of VAL"):
         started(runner, "recorded/puma-led.csv", step=True)
-    with pytest.raises(ConfigError, match="there is no program"):
-        programs.source("recorded/other-led.csv")
+    for name in ("recorded/other-led.csv", "recorded/../a.py", "recorded/sub/puma-led.csv", "recorded/puma-led-9.csv"):
+        with pytest.raises(ConfigError, match="there is no program"):
+            programs.source(name)
     runner.close()
+
+
+def test_a_program_is_found_without_a_look_through_its_folder(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The pendant's loop, which takes stops, starts it: a folder of very many files must not hold that up."""
+    programs = ProgramFolder(folder, folder, "puma-led")
+    (folder / "puma-led.csv").write_text("")
+
+    def walk(*_: object) -> None:
+        raise AssertionError("the folder was walked through")
+
+    for way in ("glob", "rglob", "iterdir"):
+        monkeypatch.setattr(Path, way, walk)
+    assert programs.path_of("sub/b.c") == folder / "sub/b.c"
+    assert programs.path_of("recorded/puma-led.csv") == folder / "puma-led.csv"
+    with pytest.raises(ConfigError, match="there is no program"):
+        programs.path_of("nothing.py")
 
 
 @pytest.mark.parametrize(

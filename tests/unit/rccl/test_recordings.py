@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -94,3 +96,11 @@ def test_what_cannot_be_smoothed_or_joined_is_refused() -> None:
         joined([], ROBOT)
     with pytest.raises(ConfigError, match="one sample period"):
         joined([still, Setpoints("puma560", 14_000, still.q)], ROBOT)
+
+
+def test_the_recording_of_another_robot_is_neither_smoothed_nor_joined() -> None:
+    led = replace(by_hand(7), robot="stanford")
+    with pytest.raises(ConfigError, match="made for stanford, this is puma560"):
+        smoothed(led, ROBOT, 5e-3)
+    with pytest.raises(ConfigError, match="made for stanford, this is puma560"):
+        joined([led, led], ROBOT)

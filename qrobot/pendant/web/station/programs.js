@@ -62,7 +62,7 @@ export function makePrograms(root) {
     const names = [arm, ...asked.filter((each) => each !== arm && chosen.language !== "recording")].map((each) => link.arms[each].facts.name);
     const who = names.length > 1 ? `${names[0]} will move, and ${names.slice(1).join(" and ")} may` : `${names[0]} will move`;
     sure.replaceChildren(
-      el("p", {}, el("b", {}, `⚠ ${who}`), ` as ${chosen.name} says. Is everybody out of ${names.length > 1 ? "their" : "its"} reach, and the emergency stop at hand? ${chosen.language === "recording" ? "The arm goes slowly to where the recording begins. While no page drives, it is ended; a pause does not hold it." : "While no page drives, the program is paused, and ended if it moves on all the same."}`),
+      el("p", {}, el("b", {}, `⚠ ${who}`), ` as ${chosen.name} says. Is everybody out of ${names.length > 1 ? "their" : "its"} reach, and the emergency stop at hand? ${chosen.language === "recording" ? "The arm goes slowly to where the recording begins. While no page drives, it is paused" : "While no page drives, the program is paused"}, and ended if it moves on all the same.`),
       el("button", { id: "start-sure", onclick: () => start("live", arm, true) }, "Start it now"),
       el("button", { onclick: () => offer(false) }, "Cancel"),
     );

@@ -4,17 +4,33 @@ import { holdButton } from "./hold.js";
 import { link } from "./link.js";
 
 const NUMBERS = [["x", "mm"], ["y", "mm"], ["z", "mm"], ["roll", "°"], ["pitch", "°"], ["yaw", "°"]];
+const PAUSE_MS = 500;
 const NAME = { maxlength: "40", pattern: "[^\\s#]+", required: true };
 
 export function makeTeach(root) {
   const list = el("div", { class: "rows places" });
   const name = el("input", { id: "place-name", "aria-label": "name of the place", placeholder: "name, without spaces", ...NAME });
-  const record = el("form", { class: "record" }, name, el("button", { id: "record" }, "Record where the arm is"));
+  const press = el("button", { id: "record" });
+  const record = el("form", { class: "record" }, name, press);
+  const RECORD = "Record where the arm is";
+  const begin = () => ((press.textContent = RECORD), delete press.dataset.over);
+  let asked = 0; // ms: the second click of a double one, and Enter that is held down, answer nothing
   record.addEventListener("submit", (event) => {
     event.preventDefault();
-    link.say({ do: "record", arm: link.chosen, name: name.value });
+    const given = name.value;
+    const there = Object.hasOwn(link.armStatus?.taught ?? {}, given);
+    if (there && (press.dataset.over !== given || performance.now() - asked < PAUSE_MS)) { // or it would be lost
+      if (press.dataset.over !== given) asked = performance.now();
+      press.dataset.over = given;
+      press.textContent = `Really record over ${given}`;
+      return;
+    }
+    link.say({ do: "record", arm: link.chosen, name: given });
     name.value = "";
+    begin();
   });
+  name.addEventListener("input", begin);
+  begin();
   root.append(
     el("section", { class: "card" }, el("h2", {}, "Record"), record, el("p", { class: "hint" }, "Only the page that drives records and edits. Programs read the file by DataBase(path).get(name).")),
     el("section", { class: "card" }, el("h2", {}, "Places"), el("p", { class: "hint" }, "Hold Go: all joints move together, slowly; let go to stop."), list),
@@ -65,5 +81,5 @@ export function makeTeach(root) {
   }
 
   link.addEventListener("status", show);
-  link.addEventListener("chosen", () => edit(""));
+  link.addEventListener("chosen", () => (edit(""), begin()));
 }
