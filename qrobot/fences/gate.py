@@ -20,7 +20,9 @@ from qrobot.realtime.pointer import KernelPointer, function_at
 STOP_PEAK: Final = 1.875  # greatest slope of the profile of a controlled stop, see `servo.kernels.interpolator`
 REACTION_S: Final = 0.008  # [A] of the velocity filter, the servo and the motors before the arm brakes
 STOP_PLACES: Final = 3  # [A] of its way at which a stop is looked at, besides where it begins
-DEEPER_M: Final = 1e-4  # [A] so much deeper than it is already an arm may not come
+DEEPER_M: Final = 1e-4  # [A] so much deeper than it is already an arm may not come in one look,
+CREEP_M: Final = 2e-3  # [A] nor so much deeper than where it was least deep, however slowly
+OUTSIDE: Final = -np.inf
 N_VERDICT: Final = 3  # 1 to stop, the distance that is left, the number of the fence
 
 VECTOR: Final = types.Array(types.float64, 1, "C")
@@ -47,11 +49,15 @@ def gate(
     Args:
         q, v: measured position and velocity. Shapes (n,).
         a_stop, overshoot_s: deceleration of a stop, and how far the arm goes on. Shapes (n,).
-        words, work: see `fences.clearance.clearances`. rows: shape (3 N_ROWS,), filled. place: shape (n,), filled.
+        words, work: see `fences.clearance.clearances`. place: shape (n,), filled.
+        rows: filled; the last ones keep from look to look how little deep an arm inside has been. Shape (4 N_ROWS,).
         verdict: shape (N_VERDICT,), filled.
     """
-    now, there, nearest = rows[:N_ROWS], rows[N_ROWS : 2 * N_ROWS], rows[2 * N_ROWS :]
+    now, there, nearest = rows[:N_ROWS], rows[N_ROWS : 2 * N_ROWS], rows[2 * N_ROWS : 3 * N_ROWS]
+    least_deep = rows[3 * N_ROWS :]
     n_rows = clearances(q, words, work, now, nearest)
+    for k in range(n_rows):
+        least_deep[k] = OUTSIDE if now[k] >= 0.0 else max(least_deep[k], now[k])
     seconds, further = 0.0, 0.0
     for j in range(q.size):
         seconds = max(seconds, STOP_PEAK * abs(v[j]) / a_stop[j])
@@ -63,7 +69,7 @@ def gate(
             place[j] = q[j] + v[j] * (seconds * step / STOP_PLACES)
         clearances(place, words, work, there, nearest)
         for k in range(n_rows):
-            deeper = now[k] >= 0.0 or now[k] - there[k] > DEEPER_M
+            deeper = now[k] >= 0.0 or now[k] - there[k] > DEEPER_M or least_deep[k] - there[k] > CREEP_M
             if not there[k] >= 0.0 and deeper and not there[k] >= verdict[1]:
                 verdict[0], verdict[1], verdict[2] = 1.0, there[k], float(k)
 

@@ -50,6 +50,7 @@ class SegmentHeader:
 
 
 HEADER: Final = dtype_of(SegmentHeader)
+BLOCK_BYTES: Final = 512  # of `st_blocks`, stat(2)
 HEADER_WORDS: Final = HEADER.itemsize // WORD_BYTES
 MAGIC_VALUE: Final = 0x51524F424F54  # "QROBOT"
 
@@ -271,14 +272,17 @@ def _reserve(fd: int, path: Path, n_words: int) -> None:
     """Claim the pages now: a full file system would otherwise kill the owner with SIGBUS at some later store.
 
     More than there is room for is not tried: a file system as large as the memory would take all of that first, and
-    the kernel would kill other processes for it.
+    the kernel would kill other processes for it. Pages that a dead owner has left are there already, and stay where
+    there is no room for the others: its peers may still look at them.
     """
+    there = os.fstat(fd)
     try:
-        if n_words * WORD_BYTES > _room(fd):
+        if n_words * WORD_BYTES - there.st_blocks * BLOCK_BYTES > _room(fd):
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
         os.posix_fallocate(fd, 0, n_words * WORD_BYTES)
     except OSError as error:
-        os.ftruncate(fd, 0)
+        if there.st_size == 0:
+            os.ftruncate(fd, 0)
         os.close(fd)
         raise LinkError(f"no room in {path.parent} for {path.name!r} ({n_words * WORD_BYTES} bytes): {error}") from None
 

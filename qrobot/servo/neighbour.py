@@ -19,8 +19,9 @@ from qrobot.config.deployment import DeployedArm
 from qrobot.errors import ConfigError
 from qrobot.fences.deployed import tool_of
 from qrobot.fences.fence_set import FenceSet
-from qrobot.fences.gate import DEEPER_M, REACTION_S, way_of_stop
+from qrobot.fences.gate import CREEP_M, DEEPER_M, REACTION_S, way_of_stop
 from qrobot.fences.two_arms import ArmPair, pose_between
+from qrobot.modecodes import Mode
 from qrobot.servo.memory.published_state import FLAG_CALIBRATED, ServoSnapshot
 from qrobot.units import NS_PER_S
 
@@ -106,6 +107,7 @@ class NeighbourLook:
         self.neighbour = neighbour
         self._own, self._other, self._told, self._clock, self._late_s = own, other, told, clock, LOOK_S + period_s
         self._tick, self._silence_s, self._looked = -1, np.inf, (0.0, 0.0)
+        self._least_near = -np.inf  # of this run of setpoints, while the arms are too near
 
     def look(self) -> float:
         """Judge, tell, and return the verdict."""
@@ -114,7 +116,8 @@ class NeighbourLook:
         silent_s = np.inf if own is None or other is None else self._silent_s(own, other)
         if own is not None and other is not None and silent_s < PATIENCE_S:
             found = distances_at_stops(self.neighbour, own, other, silent_s + self._late_s)
-            verdict, distance, margin = self._judge(found), float(found.min()), self.neighbour.margin_m
+            verdict = self._judge(found, own.mode == Mode.TRACKING)
+            distance, margin = float(found.min()), self.neighbour.margin_m
         self._told[DISTANCE], self._told[MARGIN], self._told[VERDICT] = distance, margin, verdict
         self._told[LOOKS] += 1.0
         return verdict
@@ -127,8 +130,12 @@ class NeighbourLook:
             self._tick, self._silence_s = other.tick, 0.0
         return self._silence_s if other.flags & FLAG_CALIBRATED else np.inf
 
-    def _judge(self, found: Floats) -> float:
-        """Too near when a stop of both would end within the margin; arms that are there already may part."""
+    def _judge(self, found: Floats, tracks: bool) -> float:
+        """Too near when a stop of both would end within the margin; arms that are there already may part.
+
+        However slowly, they come no nearer than they have been in this run of setpoints.
+        """
         now, nearest, margin = float(found[0]), float(found[1:].min()), self.neighbour.margin_m
-        nearer = not now < margin or now - nearest > DEEPER_M
+        self._least_near = max(self._least_near, now) if tracks and now < margin else -np.inf
+        nearer = not now < margin or now - nearest > DEEPER_M or self._least_near - nearest > CREEP_M
         return TOO_NEAR if not nearest >= margin and nearer else FREE

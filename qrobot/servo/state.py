@@ -10,7 +10,7 @@ import numpy as np
 from qrobot.config.fences import MOST_OTHER_ARMS
 from qrobot.config.outputs import N_OUTPUTS
 from qrobot.faultcodes import NO_JOINT
-from qrobot.fences.gate import N_VERDICT
+from qrobot.fences.gate import N_VERDICT, OUTSIDE
 from qrobot.fences.table import N_ROWS, N_WORK
 from qrobot.hwif.image import make_image
 from qrobot.hwif.operations import OP_FIELDS
@@ -234,7 +234,7 @@ def make_state(params: ServoParameters, law: Law) -> ServoState:
         program_signals=np.full(N_SIGNALS, np.nan), payload=np.zeros(N_PAYLOAD),
         payload_before=np.zeros(N_PAYLOAD), payload_goal=np.zeros(N_PAYLOAD), payload_next=np.zeros(N_PAYLOAD),
         model=params.dynamics, speed_limit=params.speed_share, tool_speed_limit=params.tool_speed,
-        fence_work=np.zeros(N_WORK), fence_rows=np.zeros(3 * N_ROWS), fence_place=vector(),
+        fence_work=np.zeros(N_WORK), fence_rows=np.full(4 * N_ROWS, OUTSIDE), fence_place=vector(),
         fence_verdict=np.zeros(N_VERDICT), neighbour=np.zeros((MOST_OTHER_ARMS, N_NEIGHBOUR)),
         analog_outputs=np.array(params.analog.off), analog_seen=np.zeros(N_ANALOG_OUTPUTS, np.int64),
         outputs_let_go=np.zeros(N_OUTPUTS, np.int64),

@@ -354,6 +354,7 @@ def _see_it_done(params: ServoParameters, state: ServoState) -> None:
     """Wait for the image to show what was posted: the counters, then the CALIB bit."""
     state.cal.waited += 1
     if state.cal.waited > params.load_patience:
+        state.discrete_word &= ~DISCRETE_CALIBRATED
         refuse(state, CAL_MOVED, NO_JOINT)
     elif state.cal.stage == MARKING:
         state.discrete_word |= DISCRETE_CALIBRATED

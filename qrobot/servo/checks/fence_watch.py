@@ -9,7 +9,8 @@ from __future__ import annotations
 from typing import Final
 
 from qrobot.faultcodes import NO_JOINT, FaultCode
-from qrobot.fences.gate import gate_at
+from qrobot.fences.gate import OUTSIDE, gate_at
+from qrobot.fences.table import N_ROWS
 from qrobot.modecodes import Mode
 from qrobot.realtime.jit import lean_kernel
 from qrobot.servo.event import report_fault
@@ -23,7 +24,10 @@ FENCE: Final = int(FaultCode.FENCE)
 @lean_kernel
 def watch_fences(params: ServoParameters, state: ServoState) -> None:
     """Raise a fence that the arm would enter if it were not stopped now."""
-    if params.fence_gate == 0 or state.mode != TRACKING:
+    if params.fence_gate == 0:
+        return
+    if state.mode != TRACKING:
+        state.fence_rows[3 * N_ROWS :] = OUTSIDE  # where it stands when it begins is where it may go on from
         return
     verdict = state.fence_verdict
     gate_at(params.fence_gate)(  # [:]: the pointer takes plain arrays, not fields of a record

@@ -202,12 +202,13 @@ class ControlSocket:
     def _attend(self, visitor: OperatorConnection) -> None:
         self._hear(visitor)
         lines = visitor.read_lines()
-        try:
-            for line in lines or ():
+        over = lines is None
+        for line in lines or ():
+            try:
                 self._reply(visitor, line)
-        except OSError:  # gone, or does not read what it asked for
-            lines = None
-        if lines is None:
+            except OSError:  # gone, or does not read what it asked for; a stop may stand behind it
+                over = True
+        if over:
             self._dismiss(visitor)
 
     def _reply(self, visitor: OperatorConnection, line: bytes) -> None:

@@ -95,8 +95,9 @@ def one_cycle(
     params: ServoParameters, state: ServoState, mail: Any, ring: Any, board: BoardMemory, now_ns: int, late_ns: int
 ) -> None:
     """Image in, cycle, operations out, telemetry: the same for every clock."""
+    taken_ns = board.facts.taken_ns  # before the image: of the two it may be the older one, never the newer
     state.image_ok = 1 if fetch_image(board, state.image) else 0
-    state.image_taken_ns = board.facts.taken_ns if board.facts.taken_ns != 0 else state.image[IMAGE_T_NS]
+    state.image_taken_ns = taken_ns if taken_ns != 0 else state.image[IMAGE_T_NS]
     state.image_age_ns = now_ns + late_ns - state.image_taken_ns
     state.revision, state.module_losses = board.facts.revision, board.facts.module_losses
     state.board_joints = board.facts.joints

@@ -28,7 +28,8 @@ def settle_analog(params: ServoParameters, state: ServoState, mail: Any, stopped
     if lines.lines == 0:
         return
     powered = wants_power(state.mode)
-    lost = state.image_ok == 0 or (state.analog_powered != 0 and not powered)
+    unserved = mail.guardian.takeover != 0 or mail.command.shutdown != 0
+    lost = state.image_ok == 0 or unserved or (state.analog_powered != 0 and not powered)
     state.analog_powered = 1 if powered else 0
     mail.heartbeat.analog = lines.modules
     for k in range(N_ANALOG_OUTPUTS):
@@ -53,13 +54,13 @@ def take_volts(params: ServoParameters, state: ServoState, mail: Any, k: int) ->
 
 @lean_kernel
 def analog_on(params: ServoParameters, state: ServoState) -> bool:
-    """An output shows what somebody has to end should the servo die."""
+    """An output shows what somebody has to end should the servo die: one that holds in a stop, too."""
     lines = params.analog
+    on = False
     for k in range(N_ANALOG_OUTPUTS):
-        ends = lines.lines >> k & 1 != 0 and lines.holds >> k & 1 == 0
-        if ends and state.analog_outputs[k] != lines.off[k]:
-            return True
-    return False
+        if lines.lines >> k & 1 != 0:
+            on = on or state.analog_outputs[k] != lines.off[k]
+    return on
 
 
 @lean_kernel

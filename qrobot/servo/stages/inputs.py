@@ -12,6 +12,7 @@ from qrobot.hwif.registers import (
     DISCRETE_INDEX,
     SCRATCH_BITS,
     STATUS_CALIBRATED,
+    STATUS_POWER,
 )
 from qrobot.modecodes import Mode
 from qrobot.model.transmission import (
@@ -276,8 +277,11 @@ def watch_following(params: ServoParameters, state: ServoState) -> None:
 
 @lean_kernel
 def watch_indexes(params: ServoParameters, state: ServoState) -> None:
-    """Look for lost counts; counters that have some are not calibrated any more."""
-    if not has_table(params) or state.image_ok == 0:
+    """Look for lost counts; counters that have some are not calibrated any more.
+
+    Whoever takes power away, as a gateway that has found its board again, closes the masks: no bit tells a pulse then.
+    """
+    if not has_table(params) or state.image_ok == 0 or state.status & STATUS_POWER == 0:
         return
     state.discrete_word |= DISCRETE_INDEX
     code, joint = check_indexes(params.transmission, params.index_phase, state, state.status)

@@ -301,6 +301,8 @@ def _power_off(params: ServoParameters, state: ServoState, mail: Any, now_ns: in
     elif state.mode != FAULTED and not _loads_counters(state):
         if state.mode == CALIBRATING:
             report_event(state, CAL_STOPPED, state.cal.joint_now)
+        elif state.mode == POWERING and state.power_locked != 0:  # by somebody else than who asked for it
+            report_event(state, POWER_STOPPED)
         set_mode(state, OFF)
 
 
@@ -317,8 +319,10 @@ def power_wanted(state: ServoState, mail: Any) -> int:
     state.asked_anew = 1 if power_ons != state.ons_seen else 0
     if not asked or state.asked_anew != 0:
         state.power_locked = 0
-    if asked and power_offs != state.offs_seen:  # of the two in one cycle the safe one counts
-        state.power_locked = 1
+    if power_offs != state.offs_seen:
+        state.stop_asked = 1  # also where there is no power: outputs that a stop ends go off
+        if asked:  # of the two in one cycle the safe one counts
+            state.power_locked = 1
     state.offs_seen, state.ons_seen = power_offs, power_ons
     return 1 if asked and state.power_locked == 0 and mail.command.shutdown == 0 else 0
 

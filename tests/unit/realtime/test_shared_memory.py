@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import fcntl
 import os
 import signal
@@ -254,6 +255,29 @@ def test_no_room_in_shared_memory_is_an_error_and_leaves_the_name_free(name: str
     monkeypatch.undo()
     with SharedMemory.create(name, 1, 64) as owner:
         assert owner.words.size == 64
+
+
+def test_what_a_dead_owner_has_left_is_no_room_that_is_wanted_and_stays_for_its_peers(name: str, monkeypatch) -> None:
+    """A guardian that keeps a board safe looks at it still: a file cut short would end it by SIGBUS."""
+    words = 1 << 16
+    owner = SharedMemory.create(name, 1, words)
+    owner.words[-1] = 5
+    peer = SharedMemory.attach(name, 1)
+    owner.close()
+    monkeypatch.setattr("qrobot.realtime.shared_memory.available_bytes", lambda: 4096)
+    again = SharedMemory.create(name, 1, words)
+    assert peer.words.size == again.words.size == words
+    again.words[-1] = 5
+    again.close()
+
+    def refuse(*_: int) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(os, "posix_fallocate", refuse)
+    with pytest.raises(LinkError, match="no room"):
+        SharedMemory.create(name, 1, words)
+    assert peer.words[-1] in (0, 5)  # and no SIGBUS
+    peer.close()
 
 
 def test_closing_the_owner_frees_the_name_although_a_forked_child_lives(name: str) -> None:

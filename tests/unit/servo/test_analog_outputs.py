@@ -20,7 +20,7 @@ from qrobot.hwif.operations import ALL_ANALOG, OP_FIELDS, put_analog, signed_mic
 from qrobot.hwif.registers import DAC_COUNTS_PER_VOLT, DAC_ZERO
 from qrobot.modecodes import Mode
 from qrobot.servo.analog_lines import AnalogWire, analog_params
-from qrobot.servo.memory.servo_memory import describe_analog_outputs, servo_front
+from qrobot.servo.memory.servo_memory import NOT_TAKEN, TAKEN, describe_analog_outputs, servo_front
 from qrobot.servo.process.guardian import N_OWN, N_SAFE_OPS, look
 from tests.support.deployment import LEFT
 from tests.support.servo_bench import ServoBench, moving
@@ -156,8 +156,10 @@ def test_the_range_that_the_servo_tells_is_what_requests_are_judged_by() -> None
     assert "there is no analogue output 1" in mailbox.analog_objection((0.0, *(nan,) * 7))
 
 
-def test_a_silent_servo_leaves_the_guardian_none_that_is_on() -> None:
-    cell = Cell().ask(*ASKED)
+@pytest.mark.parametrize("asked", [ASKED, (nan, nan, nan, 7.25), (nan, nan, -3.0, nan)])
+def test_a_silent_servo_leaves_the_guardian_none_that_is_on(asked: tuple[float, ...]) -> None:
+    """Those that hold in a stop are among them, and alone keep the guardian at its post."""
+    cell = Cell().ask(*asked)
     bench = cell.bench
     own, ops = np.zeros(N_OWN, np.int64), np.zeros((N_SAFE_OPS, OP_FIELDS), np.int64)
     front, timeout_ns = servo_front(bench.mailbox.words), 5_000_000
@@ -166,6 +168,28 @@ def test_a_silent_servo_leaves_the_guardian_none_that_is_on() -> None:
     bench.collect()
     assert bench.dac[6:].tolist() == [DAC_ZERO, DAC_ZERO]
     assert ALL_ANALOG in bench.analog
+
+
+def test_what_the_guardian_has_switched_off_stays_off_when_the_servo_goes_on() -> None:
+    cell = Cell().ask(*ASKED)
+    bench = cell.bench
+    bench.mailbox.memory.guardian.takeover = TAKEN
+    bench.tick(5)
+    assert tuple(bench.snapshot.analog_outputs[:4]) == OFF
+    bench.mailbox.memory.guardian.takeover = NOT_TAKEN
+    bench.mailbox.request_clear()
+    bench.tick(5)
+    assert cell.shown == OFF
+    assert cell.ask(*ASKED).shown == ASKED
+
+
+def test_a_power_off_ends_what_a_stop_ends_also_without_power() -> None:
+    cell = Cell().ask(*ASKED)
+    assert cell.bench.mode is Mode.OFF
+    take_power_away(cell.bench)
+    cell.bench.tick()
+    assert cell.shown == HELD
+    assert cell.ask(*ASKED).shown == ASKED
 
 
 def test_an_arm_without_analogue_outputs_writes_what_it_always_wrote() -> None:

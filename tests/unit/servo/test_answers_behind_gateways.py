@@ -11,8 +11,10 @@ import numpy as np
 import pytest
 
 from qrobot.faultcodes import FaultCode
-from qrobot.hwif.board_memory import LANE_CAPACITY, PANEL_MICRO
-from qrobot.hwif.registers import N_ADCS
+from qrobot.hwif.board_memory import LANE_CAPACITY, PANEL_MICRO, Lane
+from qrobot.hwif.bus import safe_operations
+from qrobot.hwif.lanes import post_operations
+from qrobot.hwif.registers import DISCRETE_CALIBRATED, N_ADCS
 from qrobot.modecodes import Mode
 from qrobot.rig.lockstep import LockstepRig
 from qrobot.servo.operator.calibration_client import run_calibration
@@ -91,3 +93,18 @@ def test_a_board_that_is_found_again_answers_no_conversion_of_before() -> None:
     while rig.state.adopt == ADOPT_BOARD:
         rig.ticks(1)
     assert (adc.done.sum(), adc.begun) == (done, begun + 1)
+
+
+def test_power_that_a_gateway_has_taken_with_the_index_masks_is_no_lost_count() -> None:
+    """One that finds its board again makes it safe first: the bits that tell of pulses are then closed, not low."""
+    plant = Emulator(PUMA, physics="rigid", pots=True)
+    rig = LockstepRig(PUMA, ServoSettings(rate_hz=1000.0, pots=True, calibration=TABLE), plant)
+    rig.mailbox.request_power(True)
+    rig.run_for(0.5)
+    assert rig.state.index_watch.armed
+    assert Mode(rig.state.mode) is Mode.HOLDING
+    safe = safe_operations(int(rig.state.status))
+    assert post_operations(rig.board, int(Lane.TOOL), safe, len(safe), rig.now_ns)
+    rig.run_for(0.05)
+    assert (Mode(rig.state.mode), rig.state.fault) == (Mode.FAULT, FaultCode.POWER_LOST)
+    assert rig.state.discrete_word & DISCRETE_CALIBRATED

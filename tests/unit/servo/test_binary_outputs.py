@@ -86,6 +86,19 @@ def test_outputs_follow_the_program_with_and_without_arm_power() -> None:
     assert cell.bench.powered
 
 
+def test_a_power_off_ends_what_a_stop_ends_also_without_power() -> None:
+    cell = Cell()
+    assert cell.ask(ALL).on == ALL
+    assert cell.bench.mode is Mode.OFF
+    cell.bench.mailbox.request_power_off()
+    cell.bench.tick()
+    assert cell.on == HELD
+    cell.bench.tick(5)
+    assert cell.on == HELD  # although its program goes on asking
+    cell.ask(HELD)
+    assert cell.ask(ALL).on == ALL
+
+
 def test_modules_are_told_what_is_new_and_everything_to_a_board_that_is_new() -> None:
     cell = Cell()
     for asked in (LAMP, LAMP, LAMP | CLAMP):

@@ -593,6 +593,13 @@ def test_a_count_lost_between_reading_and_loading_spoils_the_attempt() -> None:
     refused(rig, FaultCode.CAL_MOVED, NO_JOINT)
 
 
+def test_a_board_that_does_not_show_the_calibrated_bit_in_time_is_left_without_it() -> None:
+    rig = CalibratingRig().calibrating(until=Stage.MARKING)
+    rig.params.load_patience = 0
+    rig.ticks(1)
+    refused(rig, FaultCode.CAL_MOVED, NO_JOINT)
+
+
 def test_an_arm_that_is_shaken_is_not_loaded() -> None:
     rig = CalibratingRig().calibrating(until=Stage.SETTLING)
     for shake in range(300):

@@ -623,6 +623,19 @@ def test_whoever_asks_for_more_than_is_answered_at_once_keeps_the_command_from_n
         wait_until(lambda: _accepted(other.clear), "the command is free")
 
 
+def test_a_stop_behind_more_than_is_answered_at_once_is_done(servo: Bench) -> None:
+    stops = int(servo.mailbox.memory.command.stops)
+    with socket.socket(socket.AF_UNIX) as raw, hanging() as (began, freed), pytest.MonkeyPatch.context() as patch:
+        for told in ("_told", "_told_fences"):
+            patch.setattr(Controls, told, lambda _self, hang=Controls._obey: hang())
+        connect_to_servo(servo.arm, raw)
+        raw.sendall(b'{"command": "status"}\n' * MAX_WAITING)
+        assert began.wait(PATIENCE_S)
+        raw.sendall(b'{"command": "status"}\n{"command": "clear"}\n{"command": "stop"}\n')
+        wait_until(lambda: int(servo.mailbox.memory.command.stops) > stops, "it is stopped")
+        freed.set()
+
+
 def test_without_a_thread_for_the_reply_the_visitor_is_sent_away_and_the_next_one_served(servo: Bench) -> None:
     def start(_thread: threading.Thread) -> None:
         raise RuntimeError("can't start new thread")
@@ -830,6 +843,9 @@ class Process(Bench):
 
     def report(self, line: str) -> None:
         self.say(line)
+
+    def check_board(self) -> None:
+        """Nothing: it is on the bench."""
 
     def loop(self) -> None:
         while not self.bench.mail.command.shutdown:

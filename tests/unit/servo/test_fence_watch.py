@@ -11,7 +11,7 @@ from qrobot.config.fences import Fence
 from qrobot.errors import ServoFault
 from qrobot.faultcodes import FaultCode
 from qrobot.fences.fence_set import FenceSet
-from qrobot.fences.gate import DEEPER_M, GATE, N_VERDICT, REACTION_S
+from qrobot.fences.gate import CREEP_M, DEEPER_M, GATE, N_VERDICT, OUTSIDE, REACTION_S
 from qrobot.fences.table import N_ROWS, N_WORK
 from qrobot.modecodes import Mode
 from qrobot.rig.lockstep import LockstepRig, link_factory
@@ -98,7 +98,8 @@ def test_the_gate_stops_where_one_that_stops_now_would_come_to_rest_in_any_fence
     for draw in range(900):
         joint, q, v = draw % 6, random.uniform(limits.q_min, limits.q_max), np.zeros(6)
         v[joint] = random.uniform(-1.0, 1.0) * limits.v_max[joint]
-        GATE(q, v, a_stop, overshoot_s, fences.words, np.zeros(N_WORK), np.zeros(3 * N_ROWS), np.zeros(6), verdict)
+        work, rows = np.zeros(N_WORK), np.full(4 * N_ROWS, OUTSIDE)
+        GATE(q, v, a_stop, overshoot_s, fences.words, work, rows, np.zeros(6), verdict)
         seconds = 0.5 * 15.0 / 8.0 * abs(v[joint]) / a_stop[joint] + overshoot_s.max() + REACTION_S
         now = fences.distances(q)
         there = np.array([fences.distances(q + v * seconds * part / 3.0) for part in (1, 2, 3)])
@@ -122,6 +123,31 @@ def test_an_arm_inside_a_fence_may_leave_it_and_not_go_deeper() -> None:
     assert inside.distances(out.rows()["q"][-1])[0] > 0.1
     with pytest.raises(ServoFault, match="FENCE"):
         turn(rig(inside), PARK + TURNED, 0.5)
+
+
+def test_an_arm_inside_a_fence_does_not_creep_deeper_however_slowly() -> None:
+    """At 3 mm/s no single look sees a way of a tenth of a millimetre."""
+    inside = plane_beside(-0.03)
+    work, rows, verdict = np.zeros(N_WORK), np.full(4 * N_ROWS, OUTSIDE), np.zeros(N_VERDICT)
+    a_stop, overshoot_s = np.array(ROBOT.guard.a_stop), np.array(ROBOT.control.stop_overshoot_s)
+    deeper = inside.distances(PARK)[0] - inside.distances(PARK + 1e-3 * TURNED)[0]  # m, for so much of the turn
+    turn_s = 1e-3 * TURNED * 0.003 / deeper
+
+    def depth_at_verdict(q: Floats, v: Floats, seconds: float = 2.0) -> float | None:
+        """How much deeper the arm is when it is stopped, m; None when it is not. It begins at `q`."""
+        begin = inside.distances(q)[0]
+        for k in range(round(500 * seconds)):
+            now = q + v * k / 500.0
+            GATE(now, v, a_stop, overshoot_s, inside.words, work, rows, np.zeros(6), verdict)
+            if verdict[0] != 0.0:
+                return float(begin - inside.distances(now)[0])
+        return None
+
+    assert depth_at_verdict(PARK, turn_s) == pytest.approx(CREEP_M, abs=1e-4)
+    rows[:] = OUTSIDE  # stopped, and another run begins
+    assert depth_at_verdict(PARK + turn_s, turn_s) == pytest.approx(CREEP_M, abs=1e-4)
+    assert depth_at_verdict(PARK + turn_s, -turn_s) is None  # out of it
+    assert depth_at_verdict(PARK - turn_s, turn_s) == pytest.approx(CREEP_M, abs=1e-4)
 
 
 def test_a_fence_far_away_changes_no_bit_of_what_the_servo_does() -> None:

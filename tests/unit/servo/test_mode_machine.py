@@ -194,6 +194,18 @@ def test_a_stop_before_power_is_on_takes_the_request_back() -> None:
     assert bench.mode is Mode.HOLDING
 
 
+@pytest.mark.parametrize(("by", "told"), [("somebody", FaultCode.POWER_STOPPED), ("its commander", FaultCode.NONE)])
+def test_power_that_is_taken_away_while_it_comes_is_told_unless_its_commander_lets_go(by: str, told: FaultCode) -> None:
+    """So that a program which has just come does not ask anew, against whoever has taken it."""
+    bench = ServoBench().wait_for_power()
+    if by == "somebody":
+        bench.mailbox.request_power_off()
+    else:
+        bench.mailbox.request_power(False)
+    bench.tick()
+    assert (bench.mode, bench.event) == (Mode.OFF, told)
+
+
 def test_a_stop_in_the_cycle_in_which_power_is_asked_for_counts() -> None:
     bench = ServoBench().tick(3)
     bench.mailbox.request_stop()

@@ -19,7 +19,7 @@ from qrobot.cli.main import make_app
 from qrobot.config import load_deployment
 from qrobot.errors import ConfigError, LinkError
 from qrobot.faultcodes import FaultCode
-from qrobot.fences.gate import REACTION_S, way_of_stop
+from qrobot.fences.gate import CREEP_M, REACTION_S, way_of_stop
 from qrobot.modecodes import Mode
 from qrobot.realtime.structure import view_words
 from qrobot.rig.lockstep import LockstepRig
@@ -241,7 +241,8 @@ def heard_of_last(
             seen.append((q.copy(), other_q.copy()))
             return 1.0
 
-    own, other = (SimpleNamespace(q=PARK, v=TURNS, tick=7, t_ns=0, flags=FLAG_CALIBRATED) for _ in range(2))
+    state = {"q": PARK, "v": TURNS, "tick": 7, "t_ns": 0, "flags": FLAG_CALIBRATED, "mode": Mode.TRACKING}
+    own, other = (SimpleNamespace(**state) for _ in range(2))
     now_s, told, watched = [0.0], np.zeros(N_NEIGHBOUR), replace(neighbour, pair=Pair())  # type: ignore[arg-type]
     look = NeighbourLook(watched, lambda: own, lambda: other, told, lambda: now_s[0], PERIOD_S)  # type: ignore[arg-type, return-value]
     look.look()
@@ -288,10 +289,28 @@ def test_a_look_reckons_with_a_cycle_and_a_look_more_than_the_silence(file: str)
 def test_arms_within_the_margin_may_part_and_come_no_nearer(file: str) -> None:
     (neighbour,) = neighbours_of_arm(choose_arm(file, "left"), file)
     look = NeighbourLook(neighbour, lambda: None, lambda: None, np.zeros(N_NEIGHBOUR), lambda: 0.0, PERIOD_S)
-    assert look._judge(np.array([0.03, 0.031, 0.05])) == FREE
-    assert look._judge(np.array([0.03, 0.031, 0.028])) == TOO_NEAR
-    assert look._judge(np.array([0.05, 0.045, 0.039])) == TOO_NEAR
-    assert look._judge(np.array([np.nan, np.nan])) == TOO_NEAR
+    assert look._judge(np.array([0.03, 0.031, 0.05]), tracks=True) == FREE
+    assert look._judge(np.array([0.03, 0.031, 0.028]), tracks=True) == TOO_NEAR
+    assert look._judge(np.array([0.05, 0.045, 0.039]), tracks=True) == TOO_NEAR
+    assert look._judge(np.array([np.nan, np.nan]), tracks=True) == TOO_NEAR
+
+
+def test_arms_within_the_margin_do_not_creep_nearer_in_one_run_of_setpoints(file: str) -> None:
+    (neighbour,) = neighbours_of_arm(choose_arm(file, "left"), file)
+    look = NeighbourLook(neighbour, lambda: None, lambda: None, np.zeros(N_NEIGHBOUR), lambda: 0.0, PERIOD_S)
+
+    def creep(begin_m: float) -> list[float]:
+        """Verdicts on the way, by 3 mm/s, at which no single look sees a tenth of a millimetre."""
+        now = begin_m - 1.5e-5 * np.arange(400)
+        return [look._judge(np.array([near, near - 9e-5]), tracks=True) for near in now]
+
+    verdicts = creep(0.03)
+    assert verdicts.index(TOO_NEAR) == pytest.approx((CREEP_M - 9e-5) / 1.5e-5, abs=2)
+    assert look._judge(np.array([0.024, 0.024]), tracks=False) == FREE  # held: the next run begins where it stands
+    assert look._judge(np.array([0.024, 0.025]), tracks=True) == FREE
+    assert creep(0.024)[10] == FREE
+    assert look._judge(np.array([0.035, 0.036]), tracks=True) == FREE  # parted
+    assert look._judge(np.array([0.034, 0.0329]), tracks=True) == TOO_NEAR
 
 
 @pytest.mark.realtime
