@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from typing import NoReturn, TypeAlias
 
-from qrobot.cli.arms import place_of_arm, robot_of_arm
+from qrobot.cli.arms import insist_on_its_board, place_of_arm, robot_of_arm
 from qrobot.config.deployment import DeployedArm
 from qrobot.errors import ConfigError
 from qrobot.rci import LinkFactory, TcpLink
@@ -17,11 +17,15 @@ ArmLinks: TypeAlias = LinkFactory | dict[str, LinkFactory]
 
 
 def link_of(arm: DeployedArm, offline: bool = False) -> LinkFactory:
-    """The way to the bridge of an arm of a deployment file; `offline` to an ideal arm in this process."""
+    """The way to the bridge of an arm of a deployment file; `offline` to an ideal arm in this process.
+
+    Raises ConfigError: the arm that runs here is another one than the file tells of.
+    """
     if offline:
         from qrobot.rccl.offline import OfflineLink
 
         return partial(OfflineLink, robot=robot_of_arm(arm))
+    insist_on_its_board(arm)
     return partial(TcpLink, address=(arm.bridge.host, arm.bridge.port), arm=arm.name)
 
 

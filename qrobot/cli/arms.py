@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING
 
 from qrobot.arrays import Words
@@ -11,7 +11,7 @@ from qrobot.cli.console import note
 from qrobot.config import Robot, load_robot
 from qrobot.config.deployment import DeployedArm, load_deployment
 from qrobot.config.identified import IdentifiedModel, load_model, with_model
-from qrobot.errors import ConfigError
+from qrobot.errors import ConfigError, LinkError
 from qrobot.servo.laws.names import SHIPPED_LAWS
 from qrobot.units import MM_PER_M
 
@@ -95,6 +95,19 @@ def robot_of_servo(arm: DeployedArm, driven: str) -> Robot:
             "that the servo was started with"
         )
     return robot
+
+
+def insist_on_its_board(arm: DeployedArm) -> None:
+    """Raise ConfigError where an arm runs under this name whose board is no emulated one, as the file says it is.
+
+    Every command has the packaged emulated arm by default; copies of its file keep the name.
+    """
+    from qrobot.hwif.board_memory import attach_board_memory, insist_on_emulated
+
+    if not arm.board.emulated:
+        return
+    with suppress(LinkError), attach_board_memory(arm.name) as board:  # no board here: whoever needs one says so
+        insist_on_emulated(board.memory, arm.name)
 
 
 def plant_of_arm(arm: DeployedArm) -> str:

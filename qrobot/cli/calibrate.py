@@ -10,7 +10,7 @@ from cyclopts import Parameter
 from rich.progress import BarColumn, Progress, TaskID, TextColumn
 from rich.table import Table
 
-from qrobot.cli.arms import DEFAULT_DEPLOYMENT, choose_arm, robot_of_arm, robot_of_servo
+from qrobot.cli.arms import DEFAULT_DEPLOYMENT, choose_arm, insist_on_its_board, robot_of_arm, robot_of_servo
 from qrobot.cli.console import SUCCESS, err, note, out, print_table, write_json
 from qrobot.cli.option_types import Indexes, OutputCalibration
 from qrobot.errors import ConfigError
@@ -83,7 +83,7 @@ def calibrate_arm(
     Raises:
         LinkError: no servo runs, or it does not answer any more.
         LinkBusy: somebody else commands the arm.
-        ConfigError: the servo drives another robot than the file tells of.
+        ConfigError: the servo drives another robot than the file tells of, or has another board.
         ConfigError, ServoFault: what `run_calibration` raises.
     """
     from qrobot.rig.interrupts import interrupted_by_signals
@@ -96,6 +96,7 @@ def calibrate_arm(
         look()
         bars.show(now)
 
+    insist_on_its_board(arm)
     memory, authority = attach_servo_memory(arm.name), Authority(arm.name)
     with interrupted_by_signals():
         try:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
@@ -13,7 +14,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from qrobot import rccl
 from qrobot.cli.arm_links import link_of
-from qrobot.cli.arms import controlled_robot, plant_of_arm
+from qrobot.cli.arms import controlled_robot, insist_on_its_board
 from qrobot.cli.console import err, note
 from qrobot.cli.logs import read_and_warn
 from qrobot.cli.option_types import require_new_log
@@ -73,6 +74,7 @@ def record_emulated(
         plant or arm.board.plant,
         settings.velocity,
         settings.interpolation,
+        arm.name,
     )
     output.parent.mkdir(parents=True, exist_ok=True)
     path = write_log(output, rows, header, robot=robot)[0]
@@ -132,7 +134,7 @@ def _recording(arm: DeployedArm, robot: Robot, output: Path) -> Iterator[_Record
     writers: list[LogWriter] = []
 
     def open_log(servo: ServoInfo, pid: int) -> LogWriter:
-        writers.append(LogWriter(next(paths), recorded_header(robot, servo, pid, plant_of_arm(arm))))
+        writers.append(LogWriter(next(paths), recorded_header(arm, robot, servo, pid)))
         return writers[-1]
 
     with QueuedReport(note) as told:
@@ -157,16 +159,17 @@ def _require_recordable(arm: DeployedArm, robot: Robot) -> None:
     from qrobot.servo.memory.mailbox import ServoMailbox
     from qrobot.servo.memory.servo_memory import attach_servo_memory, servo_info
 
+    insist_on_its_board(arm)
     with attach_servo_memory(arm.name) as memory:
         info = servo_info(memory.words)
         if not info.ready:
             raise LinkError(_NOT_READY.format(arm=arm.name))
-        recorded_header(robot, info, int(memory.header.owner_pid), plant_of_arm(arm))
+        recorded_header(arm, robot, info, int(memory.header.owner_pid))
         _require_full_speed(arm.name, ServoMailbox(memory.words).snapshot())
 
 
 def _require_full_speed(arm: str, told: ServoSnapshot) -> None:
-    """Raise MotionError where the moves would be slower than planned; the fast ones obey no override and no pause."""
+    """Raise MotionError where the moves would be slower than planned."""
     slow = "the moves of a plan tell nothing where they are slower"
     if told.speed_limit < 1.0:
         raise MotionError(f"{arm} runs at reduced speed, and {slow}: start its servo without reduced speed")
@@ -271,6 +274,7 @@ def read_rows(
         raise ConfigError("name at least one log; `qrobot identify record` writes them")
     read = [read_and_warn(path) for path in logs]
     header = like or read[0].header
+    header = replace(header, arm=header.arm or next((log.header.arm for log in read if log.header.arm), ""))
     for log in read:
         if log.torn:
             note(f"warning: {log.path} was not ended: the passes that it may have lost are not in the fit")
@@ -305,17 +309,20 @@ def _cycles(rows: Rows) -> Rows:
 
 def _difference(header: LogHeader, other: LogHeader) -> str:
     """The first fact by which two logs do not belong together, with its value in the first; empty when they agree."""
-    if header.robot != other.robot:
-        return f"robot {header.robot!r}, not {other.robot!r} as"
-    if header.joint_names != other.joint_names:
-        return f"joints {', '.join(header.joint_names)}, not {', '.join(other.joint_names)} as"
-    if header.robot_digest and other.robot_digest and header.robot_digest != other.robot_digest:
-        return f"a {header.robot} whose robot file has another geometry or transmission than"
-    if header.period_ns != other.period_ns:
-        return f"rate {header.rate_hz:g} Hz, not {other.rate_hz:g} as"
-    if header.plant != other.plant:
-        return f"{_behind_board(header)}, not {_behind_board(other)} as"
-    return ""
+    digests = {header.robot_digest, other.robot_digest} - {""}
+    arms = {header.arm, other.arm} - {""}
+    facts = (
+        (header.robot != other.robot, f"robot {header.robot!r}, not {other.robot!r} as"),
+        (
+            header.joint_names != other.joint_names,
+            f"joints {', '.join(header.joint_names)}, not {', '.join(other.joint_names)} as",
+        ),
+        (len(digests) > 1, f"a {header.robot} whose robot file has another geometry or transmission than"),
+        (header.period_ns != other.period_ns, f"rate {header.rate_hz:g} Hz, not {other.rate_hz:g} as"),
+        (len(arms) > 1, f"arm {header.arm!r}, not {other.arm!r} as"),
+        (header.plant != other.plant, f"{_behind_board(header)}, not {_behind_board(other)} as"),
+    )
+    return next((fact for differs, fact in facts if differs), "")
 
 
 def _behind_board(header: LogHeader) -> str:

@@ -29,7 +29,7 @@ from qrobot.errors import ConfigError, LogError
 from qrobot.report import QueuedReport
 
 if TYPE_CHECKING:
-    from qrobot.config import Robot
+    from qrobot.config import DeployedArm, Robot
     from qrobot.log.header import LogHeader
     from qrobot.log.read import Log
     from qrobot.log.writer import LogWriter
@@ -121,6 +121,7 @@ def _facts(log: Log) -> dict[str, Any]:
     return {
         "files": [str(path) for path in log.parts],
         "robot": header.robot,
+        "arm": header.arm,
         "joints": list(header.joint_names),
         "joint_units": ["m" if header.is_prismatic(joint) else "rad" for joint in range(header.n)],
         "rate_hz": header.rate_hz,
@@ -329,7 +330,7 @@ def record(
     plant
         What the log of an emulated arm shall say of the plant, overriding the file.
     """
-    from qrobot.cli.arms import choose_arm, plant_of_arm, robot_of_arm, tool_of_arm
+    from qrobot.cli.arms import choose_arm, robot_of_arm, tool_of_arm
     from qrobot.config import deployment_path, robot_path
     from qrobot.fences.told_fences import told_fences
     from qrobot.log.fences_of_log import fence_attachments
@@ -359,7 +360,8 @@ def record(
         room = LogRoom(chosen.name, keep_gb, round(max_megabytes * MEGABYTE), told)
 
         def open_log(servo: ServoInfo, pid: int) -> LogWriter:
-            header = recorded_header(robot, servo, pid, plant_of_arm(chosen) if plant is None else plant)
+            header = recorded_header(chosen, robot, servo, pid)
+            header = header if plant is None else replace(header, plant=plant)
             return LogWriter(next(paths), header, attachments, room.file_bytes, robot, tool, fences, room.make)
 
         told(f"waiting for the servo of {chosen.name}")
@@ -391,7 +393,7 @@ def live(
     rate
         Rows a second, at most as many as the servo makes.
     """
-    from qrobot.cli.arms import choose_arm, plant_of_arm, robot_of_arm, tool_of_arm
+    from qrobot.cli.arms import choose_arm, robot_of_arm, tool_of_arm
     from qrobot.fences.told_fences import told_fences
     from qrobot.log.follow import ServoFollower, follow
     from qrobot.log.live import LiveServer
@@ -402,7 +404,7 @@ def live(
     fences = told_fences(chosen, robot)
 
     def open_server(servo: ServoInfo, pid: int) -> LiveServer:
-        header = recorded_header(robot, servo, pid, plant_of_arm(chosen))
+        header = recorded_header(chosen, robot, servo, pid)
         return LiveServer(port, header, rate, robot, tool, fences)
 
     with QueuedReport(note) as told, set_on_signals() as stop:
@@ -410,15 +412,15 @@ def live(
         follow(ServoFollower(chosen.name, open_server, told, from_now=True), stop)
 
 
-def recorded_header(robot: Robot, servo: ServoInfo, pid: int, plant: str) -> LogHeader:
+def recorded_header(arm: DeployedArm, robot: Robot, servo: ServoInfo, pid: int) -> LogHeader:
     """Header of the log of a running servo. Raises ConfigError when the deployment names another robot."""
+    from qrobot.cli.arms import plant_of_arm
     from qrobot.log.header import header_for
     from qrobot.realtime.machine import machine_steps, observe_process
 
     if (servo.robot_name, servo.n) != (robot.name, robot.n):
         raise ConfigError(f"the servo runs {servo.robot_name!r}, the deployment file says {robot.name!r}")
-    header = header_for(
-        robot, servo.period_ns, servo.law, plant=plant, velocity=servo.velocity, interpolation=servo.interpolation
-    )
+    choices = {"velocity": servo.velocity, "interpolation": servo.interpolation}
+    header = header_for(robot, servo.period_ns, servo.law, plant=plant_of_arm(arm), arm=arm.name, **choices)
     offset = time.time_ns() - time.monotonic_ns()
     return replace(header, wall_offset_ns=offset, setup=(*observe_process(pid), *machine_steps()))

@@ -134,7 +134,7 @@ class LockstepArm:
         settings, plant = rig.settings, self._plant or arm.board.plant
         choices = settings.velocity, settings.interpolation
         laws, tool = rig.laws_in_force(), tool_of_arm(arm)
-        header = header_for(self._robot, rig.period_ns, laws[0].law, LOCKSTEP, plant, *choices)
+        header = header_for(self._robot, rig.period_ns, laws[0].law, LOCKSTEP, plant, *choices, arm.name)
         attachments = attach_files([robot_path(arm.robot), deployment_path(deployment)])
         fences = told_fences(arm, self._robot)
         attachments += fence_attachments(fences)

@@ -16,8 +16,8 @@ from qrobot.cli.arms import (
     card_of_arm,
     choose_arm,
     controlled_robot,
+    insist_on_its_board,
     neighbours_of_arm,
-    plant_of_arm,
     tool_of_arm,
 )
 from qrobot.cli.console import SUCCESS, note
@@ -85,6 +85,7 @@ def servo(
     robot, identified = controlled_robot(chosen, model)
     settings = servo_settings(chosen, rate, law, velocity, interpolation, reduced_speed)
     refuse_emulated_table(chosen, settings.calibration)
+    insist_on_its_board(chosen)
     if objection := guardian_objection(settings.rate_hz, settings.guardian_timeout_ms):
         raise ConfigError(objection)
     settings = replace(settings, neighbours=neighbours_of_arm(chosen, deployment))
@@ -114,7 +115,7 @@ def _flight_recorder(arm: DeployedArm, robot: Robot, report: Report) -> FlightRe
     from qrobot.log.flight import KEEP, FlightRecorder
 
     def header_of(servo: ServoInfo) -> LogHeader:
-        return recorded_header(robot, servo, os.getpid(), plant_of_arm(arm))
+        return recorded_header(arm, robot, servo, os.getpid())
 
     fences = told_fences(arm, robot)
     folder = Path(arm.log.directory) / "incidents"

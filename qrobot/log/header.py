@@ -37,6 +37,7 @@ class LogHeader:
 
     Attributes:
         robot: name of the robot.
+        arm: name of the arm in its deployment file; empty when unknown.
         robot_digest: of its joints, geometry and transmission (`config.identified.robot_digest`); empty when unknown.
         joint_names: one per joint; their number is the joint count.
         period_ns: length of a servo cycle, ns.
@@ -66,6 +67,7 @@ class LogHeader:
     version: str = ""
     robot_digest: str = ""
     setup: tuple[SetupStep, ...] = ()
+    arm: str = ""
 
     def __post_init__(self) -> None:
         if not self.joint_names or self.period_ns <= 0:
@@ -119,6 +121,7 @@ def header_for(
     plant: str = "",
     velocity: str = "",
     interpolation: str = "",
+    arm: str = "",
 ) -> LogHeader:
     """Header of a log of `robot`; a caller in real time adds the wall clock and the set-up."""
     return LogHeader(
@@ -133,6 +136,7 @@ def header_for(
         plant=plant,
         version=_version(),
         robot_digest=robot_digest(robot),
+        arm=arm,
     )
 
 

@@ -58,7 +58,10 @@ _LATCHES: Final = IMAGE_ENC_INDEX
 
 
 def encode_operations(operations: Operations) -> list[bytes]:
-    """The frames of one list, in order. Raises LocalProtocolError for an offset outside the board's window."""
+    """The frames of one list, in order; of a longer one each `MAX_FRAMES` are a list.
+
+    Raises LocalProtocolError for an offset outside the board's window.
+    """
     runs: list[list[int]] = []
     for kind, offset, value in operations.tolist():
         if offset not in _OFFSETS:
@@ -69,8 +72,8 @@ def encode_operations(operations: Operations) -> list[bytes]:
             runs[-1].append(value & 0xFFFF)
         else:
             runs.append([offset, value & 0xFFFF])
-    last = len(runs) - 1
-    return [_frame(last - i, run[0] | (i % MAX_FRAMES == 0), run[1:]) for i, run in enumerate(runs)]
+    to_come = [min(MAX_FRAMES, len(runs) - i + i % MAX_FRAMES) - 1 - i % MAX_FRAMES for i in range(len(runs))]
+    return [_frame(to_come[i], run[0] | (i % MAX_FRAMES == 0), run[1:]) for i, run in enumerate(runs)]
 
 
 def _frame(to_come: int, code: int, values: list[int]) -> bytes:
@@ -99,6 +102,9 @@ class Mailbox:
         follows = self._to_come is not None and to_come == self._to_come - 1
         self._broken |= bool(code & _FIRST) != (self._to_come is None) or not (code & _FIRST or follows)
         self._to_come = to_come
+        if self._broken:  # without a SYNC frames may come without end
+            self._rows.clear()
+            return
         offset, writes = code & _OFFSET, code >> 6
         if not writes:
             self._rows.append((OP_READ, offset, 0))

@@ -23,6 +23,7 @@ from canopen.objectdictionary.eds import import_eds
 from qrobot.errors import ConfigError, LinkError, RemoteProtocolError
 from qrobot.hwif.bus import Endpoint, Operations, safe_operations
 from qrobot.hwif.canbus.frames import MAX_NODE, NMT, RPDO, SDO_ASK, SYNC, TPDO, Mailbox, encode_image
+from qrobot.hwif.canbus.link import START
 from qrobot.hwif.canbus.loop import LoopNetwork
 from qrobot.hwif.canbus.objects import COUNTERS_OBJECT, ERROR_REGISTER, IMAGE_OBJECT, eds_text
 from qrobot.hwif.canbus.service import RegisterService
@@ -94,7 +95,8 @@ class BoardNode:
         self.exchanges, self.meaningless, self.expired = 0, 0, 0
         self._bus, self._endpoint, self._report, self._now_ns = bus, endpoint, report, now_ns
         self._watchdog_ns = int(watchdog_ms * 1e6)
-        self._heard_ns, self._silent = 0, False
+        self._heard_ns = 0
+        self._silent = self._late = False  # of a client that is late the board is made safe, tried until it is
         self._image, self._mailbox = make_image(), Mailbox()
         self._outputs: dict[int, list[tuple[int, int, int]]] = {}
         self._lists, self._standing = 0, set[int]()
@@ -173,6 +175,9 @@ class BoardNode:
         self._network.notify(can_id, bytearray(data), 0.0)
         if before == OPERATIONAL and self.state != OPERATIONAL:
             self._make_safe()
+        if data[0] == START and data[1] in (0, self.node_id):  # of a list before that no SYNC has come
+            self._outputs.clear()
+            self._mailbox.take()
         if self.state == "INITIALISING":
             self.boot()
         if data[1] in (0, self.node_id):
@@ -238,27 +243,33 @@ class BoardNode:
     # ------------------------------------------------------------------------------------------------------ safety
 
     def _hear(self) -> None:
-        self._heard_ns, self._silent = self._now_ns(), False
+        self._heard_ns, self._silent, self._late = self._now_ns(), False, False
         self._settle(CLIENT_SILENT)
 
     def _look_at_clock(self, now_ns: int) -> None:
         self._network.fire(now_ns)
         late = self._watchdog_ns and now_ns - self._heard_ns > self._watchdog_ns
         if late and self.state == OPERATIONAL and not self._silent:
-            self._silent = True
-            self.expired += 1
-            self._make_safe()
-            self._raise(CLIENT_SILENT)
-            self._report(f"CAN node {self.node_id}: the client is silent; torque zero, arm power off")
+            begins, self._late = not self._late, True
+            self._silent = self._make_safe(tell=begins)
+            if begins:
+                self.expired += 1
+                self._raise(CLIENT_SILENT)
+                self._report(f"CAN node {self.node_id}: the client is silent; torque zero, arm power off")
 
-    def _make_safe(self) -> None:
+    def _make_safe(self, tell: bool = True) -> bool:
+        """Torque zero, power off; whether the board has taken it. Its lines stay as the newest image has them."""
         self._outputs.clear()
         self._mailbox.take()
         try:
-            self._endpoint.read_image(self._image)
+            with contextlib.suppress(LinkError):
+                self._endpoint.read_image(self._image)
             self._apply(safe_operations(int(self._image[IMAGE_STATUS])))
         except LinkError as error:
-            self._report(f"CAN node {self.node_id}: the board could not be made safe: {error}")
+            if tell:
+                self._report(f"CAN node {self.node_id}: the board could not be made safe: {error}")
+            return False
+        return True
 
     def _tell_troubles(self, torn: bool) -> None:
         """Emergency messages of what the newest image and the newest list show."""

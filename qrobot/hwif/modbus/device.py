@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from typing import Final
 
 import numpy as np
@@ -80,7 +81,7 @@ class ModbusDevice:
         self._count = -1  # none seen
         self._rose_ns = self._heard_ns = now_ns()
         self._holder = holder
-        self._armed = False
+        self._armed = self._late = False  # of a client that is late the board is made safe, tried until it is
         self._pause = pause
         self._written_at: int | None = None  # count of the image before the newest write, until one shows it
         self._applied = 0
@@ -121,35 +122,44 @@ class ModbusDevice:
         return YOU if client is self._holder else ANOTHER
 
     def watch(self) -> bool:
-        """Make the board safe when the client in control has been silent for too long; True when that was so now."""
+        """Make the board safe when the client in control has been silent for too long; True when it fell so now."""
         if not self._armed or not self.watchdog_ns or self.now_ns() - self._heard_ns <= self.watchdog_ns:
             return False
-        self._armed, self._holder = False, None
-        self.trips += 1
-        self._report(f"the Modbus client in control is silent for {self.watchdog_ns / NS_PER_MS:g} ms: board made safe")
-        self.make_safe()
-        return True
+        begins, self._late, self._holder = not self._late, True, None
+        if begins:
+            silent = f"silent for {self.watchdog_ns / NS_PER_MS:g} ms: board made safe"
+            self.trips += 1
+            self._report(f"the Modbus client in control is {silent}")
+        self._armed = not self.make_safe(tell=begins)
+        return begins
 
-    def make_safe(self) -> None:
-        """Torque zero, power off; a board that is away is told of and not an error."""
+    def make_safe(self, tell: bool = True) -> bool:
+        """Torque zero, power off; whether the board has taken it. One that is away is told of and not an error.
+
+        Its lines stay as the newest image has them.
+        """
         try:
-            self._fetch()
+            with suppress(LinkError):
+                self._fetch()
             self._apply(safe_operations(self._status))
         except LinkError as error:
-            self._report(f"the board behind the Modbus server could not be made safe: {error}")
+            if tell:
+                self._report(f"the board behind the Modbus server could not be made safe: {error}")
+            return False
+        return True
 
     def _claim(self, client: object) -> None:
         """Raises LinkBusy when another client has the control."""
         if self._holder is None:
-            self._holder = client
-            self._report("a Modbus client takes the control of the board")
-            if not self._armed:  # coils start from a safe word, not from what a predecessor had written
+            if not self._armed or self._late:  # coils start from a safe word, not from what a predecessor had written
                 self._fetch()
                 self._written[_DISCRETE] = int(safe_operations(self._status)[-1, 2])
+            self._holder = client
+            self._report("a Modbus client takes the control of the board")
         elif self._holder is not client:
             self.refused += 1
             raise LinkBusy("another client has the control")
-        self._armed, self._heard_ns = True, self.now_ns()
+        self._armed, self._late, self._heard_ns = True, False, self.now_ns()
 
     # ----------------------------------------------------------------------------------------------------- requests
 

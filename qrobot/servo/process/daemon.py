@@ -24,7 +24,14 @@ from qrobot.arrays import Floats, Words
 from qrobot.config import Robot
 from qrobot.errors import ConfigError, LinkError, QRobotError
 from qrobot.faultcodes import NO_JOINT, FaultCode, explain
-from qrobot.hwif.board_memory import BoardSegment, Lane, attach_board_memory, command_board_memory, local_board_memory
+from qrobot.hwif.board_memory import (
+    BoardSegment,
+    Lane,
+    attach_board_memory,
+    command_board_memory,
+    insist_on_emulated,
+    local_board_memory,
+)
 from qrobot.hwif.bus import check_encoders
 from qrobot.hwif.isa.bus import PortBus
 from qrobot.hwif.isa.card import CARD_BASE, CARD_KIND, CARD_READ_ONLY, CARD_WITHHELD, NO_CARD, REAL_CARD, make_card
@@ -155,6 +162,11 @@ class ServoProcess:
 
     def _has_fifo(self) -> bool:
         return has_fifo(self.steps)
+
+    def check_board(self) -> None:
+        """Raise ConfigError when the board that is to be emulated has turned out to be another one."""
+        if self.settings.emulated:
+            insist_on_emulated(self.board.memory, self.arm)
 
     def _find_board_again(self) -> None:
         if self.board.is_current:
@@ -373,6 +385,7 @@ def _run_and_watch(process: ServoProcess, look: Look) -> None:
         running = _Running(process, thread)
         try:
             while running.goes_on():
+                process.check_board()
                 controls.note_fallback()
                 controls.stop_abandoned_calibration()
                 while problems:

@@ -50,7 +50,7 @@ from tests.support.patience import PATIENCE_S, wait_until
 from tests.support.processes import write_deployment
 
 PUMA = load_robot("puma560")
-HEADER = header_for(PUMA, 1_000_000, "qrobot")
+HEADER = header_for(PUMA, 1_000_000, "qrobot", arm="left")
 
 POSE = Swing("pose 9", np.zeros(6), np.ones(6), 1.5, 0.25)
 PLAN = ExcitationPlan(PUMA.name, (POSE,), 1.0, 1.5)
@@ -331,6 +331,7 @@ SHORTER = replace(HEADER, robot_digest="0123456789abcdef")
         (replace(HEADER, joint_names=HEADER.joint_names[::-1]), "is of joints flange, wrist_bend"),
         (SHORTER, "whose robot file has another geometry or transmission"),
         (replace(HEADER, period_ns=2_000_000), "is of rate 500 Hz, not 1000"),
+        (replace(HEADER, arm="right"), "is of arm 'right', not 'left' as"),
         (replace(HEADER, plant="mismatched"), r"is of an emulated arm \(plant 'mismatched'\), not a real arm as"),
     ],
 )

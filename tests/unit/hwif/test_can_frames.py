@@ -13,6 +13,7 @@ from qrobot.hwif.image import IMAGE_COUNT, IMAGE_INPUTS, IMAGE_T_NS, make_image
 from qrobot.hwif.operations import OP_READ, OP_WRITE
 from qrobot.hwif.registers import ADC_START, DAC, DISCRETE, N_DACS, N_INPUT_WORDS
 from tests.support.bus import Row, rows_of
+from tests.support.thorough import examples
 
 offsets = st.integers(0, 31).map(lambda word: 2 * word)
 operations = st.lists(
@@ -30,7 +31,7 @@ def rows(taken: np.ndarray | None) -> list[tuple[int, ...]]:
     return [tuple(row) for row in taken.tolist()]
 
 
-@settings(max_examples=50)
+@settings(max_examples=examples(50))
 @given(operations)
 def test_a_list_of_operations_survives_its_frames(wanted: list[Row]) -> None:
     mailbox = Mailbox()
@@ -40,6 +41,25 @@ def test_a_list_of_operations_survives_its_frames(wanted: list[Row]) -> None:
     assert rows(mailbox.take()) == wanted
     assert mailbox.take() is None
     assert mailbox.torn == 0
+
+
+@pytest.mark.parametrize("reads", [MAX_FRAMES, MAX_FRAMES + 1, 2 * MAX_FRAMES + 44])
+def test_a_list_of_more_frames_than_can_be_counted_goes_as_several(reads: int) -> None:
+    wanted = [(OP_READ, 2 * (k % 32), 0) for k in range(reads)]
+    frames, mailbox, taken = encode_operations(rows_of(wanted)), Mailbox(), []
+    for first in range(0, len(frames), MAX_FRAMES):
+        for frame in frames[first : first + MAX_FRAMES]:
+            mailbox.put(frame)
+        taken += rows(mailbox.take())
+    assert taken == wanted
+
+
+def test_frames_without_a_sync_take_no_memory_without_end() -> None:
+    mailbox = Mailbox()
+    for _ in range(1000):
+        mailbox.put(*encode_operations(rows_of([(OP_READ, ADC_START, 0)])))
+    assert len(mailbox._rows) <= 1
+    assert mailbox.take() is None
 
 
 def test_all_converters_take_three_frames_and_a_read_one() -> None:

@@ -228,6 +228,34 @@ def test_a_silent_client_makes_the_board_safe_once_and_may_go_on() -> None:
     assert desk.end.lists[-1] == [(OP_WRITE, DAC, 6)]
 
 
+def test_a_list_of_which_no_sync_came_is_forgotten_when_the_client_begins_anew(desk: Desk) -> None:
+    """The SYNC was lost, and the client looks for the node again, which is still operating."""
+    desk.command(START)
+    desk.post((OP_WRITE, DAC, 5), (OP_WRITE, DISCRETE, DISCRETE_POWER))
+    desk.put(RPDO[1] + NODE, struct.pack("<4h", 1, 2, 3, 4))
+    desk.command(START)
+    desk.sync()
+    assert desk.end.applied == []
+
+
+def test_a_board_that_cannot_be_made_safe_is_tried_again_until_it_is() -> None:
+    desk = Desk(watchdog_ms=5.0)
+    desk.command(START)
+    desk.post((OP_WRITE, DAC, 5))
+    desk.sync()
+    desk.clock.pass_ms(5.1)
+    desk.end.gone = True
+    for _ in range(5):
+        desk.node.step(0.0)
+    assert desk.node.expired == 1
+    desk.end.gone = False
+    desk.node.step(0.0)
+    assert desk.end.lists[1:] == [SAFE]
+    desk.node.step(0.0)
+    assert desk.end.lists[1:] == [SAFE]
+    assert desk.emergencies == [CLIENT_SILENT]
+
+
 def test_commands_to_another_node_are_no_sign_of_life_of_the_client() -> None:
     desk = Desk(watchdog_ms=5.0)
     desk.command(START)

@@ -5,13 +5,26 @@ from __future__ import annotations
 import dataclasses
 import os
 import signal
+import uuid
 
 import pytest
 
 from qrobot.arrays import Words
+from qrobot.cli.arm_links import link_of
+from qrobot.cli.arms import choose_arm
+from qrobot.cli.calibrate import calibrate_arm
 from qrobot.config.deployment import BoardChoice
+from qrobot.errors import ConfigError
 from qrobot.hwif.board_look import BoardLooker
-from qrobot.hwif.board_memory import LANE_CAPACITY, Lane, fetch_image, local_board_memory, newest_count
+from qrobot.hwif.board_memory import (
+    LANE_CAPACITY,
+    Lane,
+    create_board_memory,
+    fetch_image,
+    insist_on_emulated,
+    local_board_memory,
+    newest_count,
+)
 from qrobot.hwif.bus import BoardFacts
 from qrobot.hwif.gateway import RETRY_NS, Gateway, serve
 from qrobot.hwif.image import IMAGE_COUNT, IMAGE_ENC_COUNT, IMAGE_T_NS, make_image
@@ -359,3 +372,28 @@ def test_modules_hear_what_was_said_while_their_board_was_away_and_nothing_older
     bus.cut = False
     assert gateway.step(6 * RETRY_NS)
     assert end.lists[-1][-1] == (OP_OUTPUTS, 0, 0)
+
+
+def test_a_board_behind_a_gateway_is_not_taken_for_the_emulated_one_of_a_file() -> None:
+    memory = local_board_memory()
+    insist_on_emulated(memory, "left")  # nothing is known of it yet
+    memory.facts.now_ns = 5
+    insist_on_emulated(memory, "left")
+    memory.facts.now_ns, memory.facts.asked = 0, 1
+    with pytest.raises(ConfigError, match="the board of left is emulated, and what runs under this name is a gateway"):
+        insist_on_emulated(memory, "left")
+
+
+def test_commands_for_an_emulated_arm_refuse_a_real_one_of_its_name(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The packaged file is every command's default, and a copy of it for a real arm keeps the name."""
+    name = f"t{uuid.uuid4().hex[:10]}"
+    arm = choose_arm("emulator", None).model_copy(update={"name": name})
+    link_of(arm)  # nobody is there
+    with create_board_memory(name) as board:
+        link_of(arm)
+        board.memory.facts.taken_ns = 1
+        with pytest.raises(ConfigError, match="name the file that `qrobot board` was started with"):
+            link_of(arm)
+        with pytest.raises(ConfigError, match="name the file that"):
+            calibrate_arm(arm)
+        link_of(arm, offline=True)

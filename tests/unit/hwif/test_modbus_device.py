@@ -210,6 +210,23 @@ def test_a_board_that_is_away_is_told_and_the_watchdog_survives_it(counter: Coun
             counter.device.read(counter.ann, address, 1)
     assert counter.wait(101)
     assert "could not be made safe" in counter.lines[-1]
+    assert not counter.wait(1)  # told once, and tried again
+    assert "could not be made safe" in counter.lines[-1]
+    told, before = len(counter.lines), len(counter.board.applied)
+    counter.board.gone = False
+    assert not counter.wait(1)
+    assert counter.board.applied[before : before + len(SAFE)] == SAFE
+    assert not counter.wait(1)
+    assert len(counter.board.applied) == before + len(SAFE) + 1  # and DISCRETE
+    assert len(counter.lines) == told
+    assert counter.device.trips == 1
+
+
+def test_a_client_that_comes_while_the_board_is_away_does_not_have_the_control(counter: Counter) -> None:
+    counter.board.gone = True
+    with pytest.raises(LinkError):
+        counter.device.write_coils(counter.bob, 0, [True])
+    assert counter.device.control(counter.ann) == NOBODY
 
 
 def test_a_client_reads_in_the_window_what_it_has_written_although_the_board_shows_it_later(counter: Counter) -> None:
