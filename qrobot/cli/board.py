@@ -15,7 +15,7 @@ from qrobot.cli.board_check import check
 from qrobot.cli.board_replay import replay
 from qrobot.cli.board_show import force, show
 from qrobot.cli.console import note
-from qrobot.cli.option_types import OutputGrowing
+from qrobot.cli.option_types import OutputNewGrowing
 from qrobot.cli.servo_settings import check_drives
 from qrobot.config.deployment import DeployedArm
 from qrobot.config.scene import SceneKind
@@ -45,7 +45,7 @@ def board(
     faults: Path | None = None,
     scene: SceneKind | None = None,
     serve: Annotated[tuple[str, ...], Parameter(negative="")] = (),
-    record: OutputGrowing | None = None,
+    record: OutputNewGrowing | None = None,
 ) -> None:
     """Emulate a TRC004 board and the arm behind it, or be the gateway to a board, until Ctrl-C.
 

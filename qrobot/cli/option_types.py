@@ -22,7 +22,7 @@ from qrobot.config.deployment import LEAST_GB, MOST_GB
 from qrobot.config.kinds import FileKind, kind_of_file
 from qrobot.errors import ConfigError, LogError, error_text
 from qrobot.extras import missing_library
-from qrobot.log.topics import part_path
+from qrobot.log.topics import later_parts
 from qrobot.servo.calibration.state import FEWEST_INDEXES, MOST_INDEXES
 from qrobot.servo.rates import HIGHEST_RATE_HZ, LOWEST_RATE_HZ
 from qrobot.whole_file import probe_file, probe_folder
@@ -69,6 +69,12 @@ def require_writable_file(path: Path) -> None:
 
 def require_growing_file(path: Path) -> None:
     """Raise ValueError when `path` cannot be written piece by piece, into a file that may be there."""
+    _tell(path, _try_file)
+
+
+def require_new_growing_file(path: Path) -> None:
+    """The same, and when it has something in it already: what a board did does not come again."""
+    _tell(path, _refuse_written)
     _tell(path, _try_file)
 
 
@@ -153,6 +159,11 @@ def _refuse_recorded(path: Path) -> None:
         raise OSError("it is a recording already, name another file")
 
 
+def _refuse_written(path: Path) -> None:
+    if path.is_file() and path.stat().st_size:
+        raise OSError("there is a file of that name with something in it, name another")
+
+
 def _try_log(path: Path) -> None:
     from qrobot.log.header import LOCKSTEP
     from qrobot.log.mcap_scan import header_of_part
@@ -168,8 +179,8 @@ def _try_log(path: Path) -> None:
 
 
 def _parts_written(path: Path) -> list[Path]:
-    """Parts with something in them of the log that begins at `path`: the first may have been removed."""
-    return [part for part in (path, part_path(path, 2)) if part.is_file() and part.stat().st_size]
+    """Parts with something in them of the log that begins at `path`: the first ones may have been removed."""
+    return [part for part in (path, *later_parts(path)) if part.is_file() and part.stat().st_size]
 
 
 def _try_file(path: Path) -> None:
@@ -200,7 +211,7 @@ def _each_path(require: Callable[[Path], None]) -> Callable[[Any, Path | None], 
 
 
 OutputFile = Annotated[Path, Parameter(validator=_each_path(require_writable_file))]
-OutputGrowing = Annotated[Path, Parameter(validator=_each_path(require_growing_file))]
+OutputNewGrowing = Annotated[Path, Parameter(validator=_each_path(require_new_growing_file))]
 OutputFilm = Annotated[Path, Parameter(validator=_each_path(require_writable_film))]
 OutputFolder = Annotated[Path, Parameter(validator=_each_path(require_writable_folder))]
 OutputLog = Annotated[Path, Parameter(validator=_each_path(require_writable_log))]

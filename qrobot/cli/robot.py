@@ -8,9 +8,10 @@ from typing import Annotated, Any, Final, Literal
 from cyclopts import App, Parameter
 
 from qrobot.cli.console import note, out, plain_table, print_table, write_json
-from qrobot.cli.option_types import OutputFile, OutputRobot
+from qrobot.cli.option_types import FileOfKind, OutputFile, OutputRobot
 from qrobot.config import Robot, load_robot
 from qrobot.config.document import packaged_names
+from qrobot.config.kinds import FileKind
 from qrobot.errors import ConfigError, error_text
 from qrobot.units import DEG_PER_RAD
 from qrobot.whole_file import replace_file
@@ -29,6 +30,18 @@ app = App(name="robot", help=HELP, help_format="plaintext", group_commands="Comm
 
 MJCF_STEP_S = 0.25e-3  # [A] that of the emulator at 4 kHz
 Format = Literal["urdf", "mjcf", "dh", "toml"]
+
+
+def _checked_before(_path: Path) -> None:
+    """Nothing more: whether it can be written is looked at before the format is known."""
+
+
+_KINDS: Final[dict[str, FileOfKind]] = {
+    "urdf": FileOfKind("a URDF", (".urdf", ".xml"), _checked_before),
+    "mjcf": FileOfKind("an MJCF model", (".xml", ".mjcf"), _checked_before),
+    "dh": FileOfKind("a table of rows", (".csv",), _checked_before),
+    "toml": FileOfKind("a robot file", (".toml",), _checked_before, FileKind.ROBOT),
+}
 
 
 @app.command(name="list")
@@ -108,17 +121,30 @@ def export(
     to
         `urdf`, `mjcf` (MuJoCo), `dh` (the modified Denavit-Hartenberg rows as CSV) or `toml` (the robot file itself).
     output
-        File to write; standard output when it is left out.
+        File to write, with a suffix that its format has; standard output when it is left out.
     """
     text = _text(load_robot(robot), to)
     if output is None:
         out.print(text.rstrip("\n"), soft_wrap=True, markup=False, highlight=False)
         return
+    _insist_on_kind(output, to, text)
     try:
         replace_file(output, text)
     except OSError as error:
         raise ConfigError(f"cannot write {output}: {error_text(error)}") from None
     note(f"wrote {output}")
+
+
+def _insist_on_kind(output: Path, to: Format, text: str) -> None:
+    """Raise ConfigError for a file of another suffix, or one that is there and is something else: somebody's work."""
+    try:
+        _KINDS[to](output)
+    except ValueError as error:
+        raise ConfigError(str(error)) from None
+    if to == "dh" and output.is_file() and output.stat().st_size:
+        with output.open(encoding="utf-8", errors="replace") as file:
+            if file.readline().rstrip() != text.partition("\n")[0].rstrip():
+                raise ConfigError(f"cannot write {output}: it is no table of such rows; name another file")
 
 
 def _text(robot: Robot, to: Format) -> str:

@@ -52,6 +52,8 @@ UNEXPLAINED_SHARE = 0.7  # of tau_max: wrong friction, load and gain together st
 UNKNOWN_LOAD_SHARE = 0.15  # of the torque limit: 2.5 kg on a PUMA 560
 FOLLOWING_SHARE = 0.25  # of a joint's range: a following error beyond it is one in degrees or mm [A],
 FOLLOWING_LEAST = 0.1  # unless it is no more than this, rad or m [A]
+MARGIN_SHARE = 0.1  # likewise of a margin beyond the range [A]
+MARGIN_LEAST = 0.1  # [A]
 SLOWEST_STOP_S = 2.0  # from full speed: a stop that takes longer is none [A]
 NEEDED_POSES = ("park", "ready", "end")
 
@@ -354,6 +356,10 @@ def _guards_nothing(guard: Guard, limits: Limits) -> Iterator[str]:
         yield f"guard.following_error exceeds {FOLLOWING_SHARE:.0%} of the joint's range (it is in rad or m)"
     if guard.start_tolerance > guard.following_error.min():
         yield "guard.start_tolerance exceeds guard.following_error"
+    if (guard.range_margin > np.maximum(MARGIN_SHARE * (limits.q_max - limits.q_min), MARGIN_LEAST)).any():
+        yield f"guard.range_margin exceeds {MARGIN_SHARE:.0%} of the joint's range (it is in rad or m)"
+    if (guard.unknown_load_or_default > guard.tau_max).any():
+        yield "guard.unknown_load exceeds guard.tau_max: no motor could show that its encoder is dead"
     if (guard.unexplained_torque_or_default > guard.tau_max).any():
         yield "guard.unexplained_torque exceeds guard.tau_max: no motor could show that it does not obey"
 

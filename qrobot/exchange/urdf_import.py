@@ -92,7 +92,7 @@ def import_urdf(path: Path, tip: str | None = None, like: str | None = None, bes
     if "tau_max" not in own.get("guard", {}):
         _fit_torque_limits(document, chain)
     if "unexplained_torque" not in own.get("guard", {}):
-        _fit_unexplained_torque(document.get("guard", {}))
+        _fit_thresholds(document.get("guard", {}))
     _complete_poses(document, told.notes)
     _fit_counters(document, told.notes)
     return Imported(_robot(document, path, like), document, tuple(told.notes))
@@ -289,13 +289,15 @@ def _fit_torque_limits(document: Document, chain: SerialChain) -> None:
     guard.setdefault("source", {})["tau_max"] = "URDF: effort, at most what the converters can ask for"
 
 
-def _fit_unexplained_torque(guard: Document) -> None:
-    """Leave out a threshold of another arm that the motors of this one could not pass: a share of the limits, then."""
-    threshold, limits = _row(guard.get("unexplained_torque")), _row(guard.get("tau_max"))
-    if threshold is None or limits is None or len(threshold) != len(limits) or (threshold <= limits).all():
-        return
-    del guard["unexplained_torque"]
-    guard.get("source", {}).pop("unexplained_torque", None)
+def _fit_thresholds(guard: Document) -> None:
+    """Leave out thresholds of another arm that the motors of this one could not pass: shares of the limits, then."""
+    limits = _row(guard.get("tau_max"))
+    for name in ("unexplained_torque", "unknown_load"):
+        threshold = _row(guard.get(name))
+        if threshold is None or limits is None or len(threshold) != len(limits) or (threshold <= limits).all():
+            continue
+        del guard[name]
+        guard.get("source", {}).pop(name, None)
 
 
 def _complete_poses(document: Document, notes: list[str]) -> None:

@@ -50,6 +50,7 @@ class LiveServer:
         self._pace = Pace(rate_hz)
         self.status = LogStatus()
         self.last_error, self.backlog = "", 0
+        self._law: LawInForce | None = None
         try:
             self._server = foxglove.start_server(
                 name=f"qrobot {header.robot}", host=HOST, port=port, capabilities=[], context=self._stream.context
@@ -75,15 +76,18 @@ class LiveServer:
 
     def append_law(self, law: LawInForce) -> None:
         """Show what is in force."""
+        self._law = law
         self._stream.log_law(law, self.status.t_ns)
 
     def count_lost(self, rows: int) -> None:
         """Leave out rows that a servo left behind: they are no loss to who looks."""
 
     def flush(self) -> None:
-        """Show the counts; and how the arm looks once more, for those who have connected since."""
+        """Show the counts; and law and looks of the arm once more, for those who have connected since."""
         if self.status.rows:
             self._stream.log_status(self.status)
+        if self._law is not None:
+            self._stream.log_law(self._law, self.status.t_ns)
         self._stream.begin_part()
 
     def sync(self) -> None:

@@ -182,6 +182,14 @@ def _take_summary(found: Contents, n: int, data: memoryview) -> None:
         at = record.end
 
 
+def is_begun(path: Path) -> bool:
+    """Whether the file of a part has more than its first bytes: a full disk, or an end, may have cut it off there."""
+    try:
+        return path.stat().st_size > len(MAGIC)
+    except OSError as error:
+        raise LogError(f"cannot read the log {path}: {error.strerror}") from None
+
+
 def _map_file(path: Path) -> memoryview:
     try:
         with path.open("rb") as file:

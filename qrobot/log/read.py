@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from qrobot.errors import LogError
 from qrobot.log.damage import DamagedPlace
 from qrobot.log.header import LogHeader
-from qrobot.log.mcap_scan import Contents, scan_file
+from qrobot.log.mcap_scan import Contents, is_begun, scan_file
 from qrobot.log.status import LogStatus
 from qrobot.log.topics import part_beside
 from qrobot.servo.memory.law_history import LawInForce
@@ -119,7 +119,7 @@ def read_log(path: Path | str) -> Log:
         raise LogError(f"{path} is not a log of this program, or was cut off before its header")
     rows = _join([block for part in parts for block in part.rows], header.layout)
     begin = int(rows["tick"][0]) if rows.size else 0
-    laws = _laws_since([law for part in parts for law in part.laws], begin)
+    laws = _laws_since(list(dict.fromkeys(law for part in parts for law in part.laws)), begin)
     return Log(
         path=first,
         header=replace(header, law=laws[0].law) if laws and laws[0].tick <= begin else header,
@@ -169,7 +169,7 @@ def _scan_parts(first: Path) -> tuple[list[Path], list[Contents]]:
     own = parts[0].header
     begin = 1 if own is None else own.part
     while (following := part_beside(first, begin, begin + len(parts))).exists():
-        part = scan_file(following)
+        part = scan_file(following) if is_begun(following) else Contents()
         if part.header is not None and replace(part.header, part=begin) != own:
             raise LogError(f"{following} does not belong to {first}: move one of them")
         files.append(following)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from glob import escape
 from pathlib import Path
 from typing import Final
 
@@ -18,6 +19,13 @@ STAMP: Final = "%Y%m%dT%H%M%SZ"  # in names: the time at which a log begins, UTC
 def part_path(path: Path, part: int) -> Path:
     """File of part `part`, from 1, of the log `path`: run.mcap, run.0002.mcap, run.0003.mcap."""
     return path if part == 1 else path.with_name(f"{path.stem}.{part:04d}{path.suffix}")
+
+
+def later_parts(path: Path) -> list[Path]:
+    """Files of the parts from 2 on of the log `path` that are there, in order; the first ones may have been removed."""
+    found = path.parent.glob(f"{escape(path.stem)}.{'[0-9]' * 4}*{escape(path.suffix)}")
+    numbers = {part: part.name.removeprefix(f"{path.stem}.").removesuffix(path.suffix) for part in found}
+    return sorted((part for part in numbers if numbers[part].isdecimal()), key=lambda part: int(numbers[part]))
 
 
 def part_beside(path: Path, own: int, part: int) -> Path:

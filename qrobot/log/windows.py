@@ -17,7 +17,7 @@ from qrobot.arrays import Floats
 from qrobot.errors import LogError
 from qrobot.log.events import LogEvent, log_events
 from qrobot.log.header import LogHeader
-from qrobot.log.mcap_scan import PartScan
+from qrobot.log.mcap_scan import PartScan, is_begun
 from qrobot.log.read import Log
 from qrobot.log.topics import part_beside
 from qrobot.servo.memory.telemetry import Rows
@@ -142,9 +142,13 @@ class LogWindows:
         if not following.exists():
             self._ended = True
             return False
-        part = PartScan(following)
-        part.take_head()
-        if part.found.header is None or replace(part.found.header, part=self.header.part) != self.header:
+        part = PartScan(following) if is_begun(following) else None
+        if part is not None:
+            part.take_head()
+        if part is None or part.found.header is None:  # it was cut off before that
+            self.whole, self._ended = False, True
+            return False
+        if replace(part.found.header, part=self.header.part) != self.header:
             raise LogError(f"{following} does not belong to {self.path}: move one of them")
         self._parts.append(part)
         return True

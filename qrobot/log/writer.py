@@ -13,7 +13,7 @@ from qrobot.log.arm_view import Point
 from qrobot.log.header import Attachment, LogHeader
 from qrobot.log.mcap_file import LogPart, LogStream
 from qrobot.log.status import LogStatus
-from qrobot.log.topics import part_path
+from qrobot.log.topics import later_parts, part_path
 from qrobot.model.arm_shape import NO_TOOL
 from qrobot.servo.memory.law_history import LawInForce
 from qrobot.servo.memory.telemetry import Rows
@@ -55,7 +55,8 @@ class LogWriter:
             probe_file(path)
         except OSError as error:
             raise LogError(f"cannot write the log {path}: {error.strerror}") from None
-        _remove_parts_after_first(path)
+        _remove(later_parts(path))
+        self._law: LawInForce | None = None
         self._part = self._open(1)
         self._number = 1
         self._begin_ns = self._t_ns = self._rows = self._lost = self._earlier_errors = 0
@@ -108,6 +109,7 @@ class LogWriter:
     def append_law(self, law: LawInForce) -> None:
         """Add what is in force; after the first rows, since the log begins with them."""
         self._stream.log_law(law, self._begin_ns)
+        self._law = law
 
     def count_lost(self, rows: int) -> None:
         """Note that so many rows will never come."""
@@ -151,14 +153,19 @@ class LogWriter:
         self._last_error = self.last_error
         self._part = following
         self._number += 1
+        if self._law is not None:  # the parts before may be removed
+            self._stream.log_law(self._law, self._t_ns)
 
 
-def _remove_parts_after_first(path: Path) -> None:
-    """Parts of an earlier log of that name would be read as parts of this one."""
-    number = 2
-    while (old := part_path(path, number)).exists():
+def remove_log(path: Path) -> None:
+    """Remove a log, if there is one, with all its parts. Raises LogError: it cannot be."""
+    _remove([path, *later_parts(path)])
+
+
+def _remove(parts: Iterable[Path]) -> None:
+    """Parts of an earlier log of that name would be read as parts of a new one."""
+    for part in parts:
         try:
-            old.unlink()
+            part.unlink(missing_ok=True)
         except OSError as error:
-            raise LogError(f"cannot remove {old}, a part of the log to be replaced: {error.strerror}") from None
-        number += 1
+            raise LogError(f"cannot remove {part}, a part of the log to be replaced: {error.strerror}") from None

@@ -30,14 +30,17 @@ def stages(arm: DeployedArm, robot: Robot, settings: ServoSettings) -> Iterator[
     """
     if arm.board.emulated:
         emulator = emulator_of_arm(arm, robot)
-        yield "servo and emulated board in lock-step", lambda: _compile_loop(LockstepRig(robot, settings, emulator))
+        yield (
+            "servo and emulated board in lock-step",
+            lambda: _compile_loop(arm.robot, LockstepRig(robot, settings, emulator)),
+        )
         yield "emulated board", lambda: server.warm_up(emulator)
     yield "servo", lambda: daemon.warm_up(robot, settings)
     yield "guardian", guardian.warm_up
     yield "bridge", mailbox_port.warm_up
-    yield "what a program moves by", lambda: compile_motion(robot.name)
+    yield "what a program moves by", lambda: compile_motion(arm.robot)
 
 
-def _compile_loop(rig: LockstepRig) -> None:
-    with compiled_beside(rig.robot.name) as compile_loop:
+def _compile_loop(file: str, rig: LockstepRig) -> None:
+    with compiled_beside(file) as compile_loop:
         compile_loop(rig)

@@ -29,6 +29,7 @@ from qrobot.log.header import LOCKSTEP, REALTIME, header_for
 from qrobot.log.read import Log, read_log
 from qrobot.log.record import write_log
 from qrobot.log.summary import TrackingSummary, tracking_summary
+from qrobot.log.writer import remove_log
 from qrobot.modecodes import Mode
 from qrobot.rig.compile_ahead import compiled_beside
 from qrobot.rig.deployed import ArmProcesses
@@ -182,6 +183,7 @@ def run_realtime(run: ExperimentRun, processes: ArmProcesses, directory: Path) -
         QRobotError: the program failed for another reason; the message is the program's own.
     """
     path = directory / f"{run.name}.mcap"
+    remove_log(path)  # of an earlier run: the recorder writes over none
     with _servo_running(run, processes, path):
         began = time.monotonic()
         program = processes.start_program(program_path())

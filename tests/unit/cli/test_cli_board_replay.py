@@ -97,3 +97,14 @@ def test_a_place_that_cannot_be_written_ends_it_before_it_starts(
 ) -> None:
     assert run_app(make_app(), ["board", deployment, "--record", str(tmp_path / "no" / "where")]) == 1
     assert "cannot record" in capsys.readouterr().err
+
+
+def test_a_recording_is_not_written_over(deployment: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """What a board did does not come again, and a command is repeated from the history of a shell."""
+    file = tmp_path / "registers.txt"
+    file.write_text("what went over the wire when it failed\n")
+    assert run_app(make_app(), ["board", deployment, "--record", str(file)]) == 2
+    assert "there is a file of that name with something in it, name another" in " ".join(
+        capsys.readouterr().err.split()
+    )
+    assert file.read_text() == "what went over the wire when it failed\n"

@@ -6,14 +6,19 @@ import json
 import os
 import subprocess
 import sys
+from contextlib import nullcontext
 from pathlib import Path
 
 import pytest
 
+from qrobot.cli.arms import choose_arm, robot_of_arm
 from qrobot.cli.compile import common_folder
 from qrobot.cli.console import run_app
 from qrobot.cli.main import make_app
+from qrobot.cli.servo_settings import servo_settings
+from qrobot.config import load_robot, robot_path
 from qrobot.realtime import compiled_files, jit
+from qrobot.rig import compile_everything
 
 ROOT = Path(__file__).parents[3]
 PROGRAM = """
@@ -57,3 +62,18 @@ def test_without_a_compiler_or_a_folder_it_fails_with_the_remedy(
 def test_the_folder_told_is_above_all_of_them() -> None:
     assert common_folder({"/a/b/__pycache__": set()}) == "/a/b/__pycache__"
     assert common_folder({"/a/b/__pycache__": set(), "/a/b/c/__pycache__": set()}) == "/a/b"
+
+
+def test_an_arm_is_compiled_by_its_robot_file_whatever_name_stands_in_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file, asked = tmp_path / "lab.toml", []
+    file.write_text(robot_path("puma560").read_text().replace('name = "puma560"', 'name = "lab_arm"', 1))
+    (tmp_path / "cell.toml").write_text(f'[[arm]]\nname = "lab"\nrobot = "{file}"\nbridge = {{ port = 5600 }}\n')
+    arm = choose_arm(str(tmp_path / "cell.toml"), None)
+    monkeypatch.setattr(compile_everything, "compile_motion", asked.append)
+    monkeypatch.setattr(compile_everything, "compiled_beside", lambda name: asked.append(name) or nullcontext(str))
+    for name, compile_it in compile_everything.stages(arm, robot_of_arm(arm), servo_settings(arm)):
+        if "lock-step" in name or "program" in name:
+            compile_it()
+    assert [load_robot(each).name for each in asked] == ["lab_arm"] * 2

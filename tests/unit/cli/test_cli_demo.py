@@ -18,15 +18,17 @@ from qrobot.cli.console import run_app
 from qrobot.cli.demo import _draw, _tried_twice
 from qrobot.cli.main import make_app
 from qrobot.config import load_robot
-from qrobot.errors import LinkTimeout, QRobotError, Stalled
+from qrobot.errors import LinkTimeout, LogError, QRobotError, Stalled
 from qrobot.faultcodes import FaultCode
 from qrobot.log.header import header_for
 from qrobot.log.read import Log
+from qrobot.log.record import write_log
 from qrobot.log.summary import tracking_summary
 from qrobot.modecodes import Mode
 from qrobot.rig.demo_criteria import judge
 from qrobot.rig.experiment import STALLS, ExperimentRun, Result, _result, run_realtime, stalled_before_fault
 from qrobot.servo.memory.telemetry import FLAG_UNSEEN, TelemetryLayout
+from tests.support.log_samples import make_rows
 from tests.support.processes import write_deployment
 
 
@@ -234,3 +236,25 @@ def test_a_run_with_a_fault_fails_by_its_name() -> None:
     assert (False, "lockstep-1000-nominal-pd: no fault, but LAW_NAN") in told
     assert not [what for _, what in told if "no fault in" in what]
     assert (False, "law pd in lock-step: joints 1-3 at least 2 times as bad as law qrobot (1.0)") in told
+
+
+def test_a_run_on_the_wall_clock_tells_of_no_log_but_its_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A recorder writes over no recording: that of the run before has to go first, with all its parts."""
+    run = ExperimentRun(1000, "realtime")
+    header = header_for(load_robot("puma560"), PERIOD_NS, "qrobot", plant="nominal")
+    old = write_log(tmp_path / f"{run.name}.mcap", make_rows(20_000), header, max_bytes=300_000)
+    assert len(old) > 2
+    began: list[Path] = []
+
+    def refused(_run: ExperimentRun, _processes: Any, log: Path) -> Any:
+        began.extend(part for part in tmp_path.iterdir())
+        assert log == old[0]
+        return nullcontext()
+
+    monkeypatch.setattr("qrobot.rig.experiment._servo_running", refused)
+    monkeypatch.setattr("qrobot.rig.experiment.time", SimpleNamespace(monotonic=lambda: 0.0))
+    program = SimpleNamespace(name="program", process=SimpleNamespace(wait=lambda _patience: 0))
+    processes = SimpleNamespace(start_program=lambda _path: program, rig=SimpleNamespace(end=lambda _name: None))
+    with pytest.raises(LogError):  # this recorder has written nothing
+        run_realtime(run, processes, tmp_path)  # type: ignore[arg-type]
+    assert began == []

@@ -19,7 +19,7 @@ from cyclopts.argument import Argument
 
 from qrobot.cli.console import run_app
 from qrobot.cli.main import make_app
-from qrobot.cli.option_types import Range, require_writable_log
+from qrobot.cli.option_types import Range, require_new_log, require_writable_log
 from qrobot.config import load_robot
 from qrobot.log.header import LOCKSTEP, REALTIME, header_for
 from qrobot.log.record import write_log
@@ -297,9 +297,12 @@ def test_the_recording_of_a_running_arm_is_not_written_over(
         else:
             require_writable_log(path)  # it can be made again
         assert path.read_bytes() == before
-    part_path(tmp_path / "parted.mcap", 2).write_bytes((tmp_path / f"{REALTIME}.mcap").read_bytes())
-    with pytest.raises(ValueError, match="the recording of a running arm"):
-        require_writable_log(tmp_path / "parted.mcap")
+    for part in (2, 7):  # those before are removed, one after the other
+        part_path(tmp_path / f"parted{part}.mcap", part).write_bytes((tmp_path / f"{REALTIME}.mcap").read_bytes())
+        with pytest.raises(ValueError, match="the recording of a running arm"):
+            require_writable_log(tmp_path / f"parted{part}.mcap")
+        with pytest.raises(ValueError, match="it is a recording already"):
+            require_new_log(tmp_path / f"parted{part}.mcap")
     (tmp_path / "damaged.mcap").write_bytes(before[:200])
     with pytest.raises(ValueError, match="name another file"):
         require_writable_log(tmp_path / "damaged.mcap")

@@ -94,6 +94,9 @@ def test_what_a_urdf_does_not_tell_is_asked_for_by_name_and_a_link_without_weigh
         (["export", "{folder}/flat.toml", "--format", "mjcf"], FAILURE, "cannot be simulated: "),
         (["export", "puma560", "-o", "{folder}/none/arm.urdf"], FAILURE, "none"),
         (["export", "puma560", "-o", "/dev/full/arm.urdf"], USAGE, "/dev/full"),
+        (["export", "puma560", "-o", "{folder}/arm.toml"], FAILURE, "a URDF ends in .urdf or .xml"),
+        (["export", "puma560", "--format", "toml", "-o", "{folder}/cell.toml"], FAILURE, "it is a deployment file"),
+        (["export", "puma560", "--format", "dh", "-o", "{folder}/lesson.csv"], FAILURE, "it is no table of such rows"),
         (["import", "{folder}/none.urdf", "-o", "{folder}/arm.toml"], FAILURE, "none.urdf"),
         (["import", "{folder}/fork.urdf", "--like", "puma560", "-o", "{folder}/arm.toml"], FAILURE, "--tip"),
         (["import", "{folder}/fork.urdf", "-o", "{folder}/arm.json"], USAGE, "ends in .toml"),
@@ -111,11 +114,21 @@ def test_what_cannot_be_is_told_in_words(
         '<joint name="k" type="revolute"><parent link="a"/><child link="c"/><limit lower="-1" upper="1"/></joint>'
         "</robot>"
     )
+    (tmp_path / "cell.toml").write_text("[[arm]]\n")
+    (tmp_path / "lesson.csv").write_text("# qrobot setpoints 1\n")
     file = robot_path("puma560").read_text()
     (tmp_path / "flat.toml").write_text(re.sub(r"(\ninertia = \[\s*)\[.*?\]", r"\1[0.02, 0.11, 0.9]", file, count=1))
     complaint = told(capsys, status, *(word.format(folder=tmp_path) for word in words))
     assert said in complaint
     assert not (tmp_path / "arm.toml").exists()
+
+
+@pytest.mark.parametrize(("to", "suffix"), [("urdf", "urdf"), ("mjcf", "xml"), ("dh", "csv"), ("toml", "toml")])
+def test_an_export_is_written_over_an_export_of_its_kind(
+    to: str, suffix: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for _ in range(2):
+        told(capsys, SUCCESS, "export", "puma560", "--format", to, "-o", tmp_path / f"arm.{suffix}")
 
 
 def test_an_export_that_the_disk_refuses_is_told_by_the_name_of_its_file(

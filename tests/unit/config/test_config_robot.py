@@ -186,6 +186,8 @@ def test_a_value_without_a_source_is_refused_in_every_section(document: Any, pat
         ("guard", "a_stop", [100, 1, 1, 1, 1, 1], "exceeds limits.a_max"),
         ("guard", "a_stop", [10, 0.6, 30, 45, 45, 45], "takes more than 2 s to stop a joint at limits.v_max"),
         ("guard", "following_error", [3.4] * 6, "following_error exceeds 25% of the joint's range"),
+        ("guard", "range_margin", [0.7] * 6, "range_margin exceeds 10% of the joint's range"),
+        ("guard", "unknown_load", [0, 0, 1e9, 0, 0, 0], "unknown_load exceeds guard.tau_max"),
         ("guard", "start_tolerance", 0.0501, "start_tolerance exceeds guard.following_error"),
         ("guard", "unexplained_torque", [101, 105, 47, 5.2, 5.2, 5.2], "unexplained_torque exceeds guard.tau_max"),
         ("guard", "brake_slip", 0.5, "less than or equal to 0.1"),

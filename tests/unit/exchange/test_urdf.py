@@ -247,6 +247,7 @@ def test_efforts_are_the_limits_of_torque_where_no_file_tells_them(tmp_path: Pat
     np.testing.assert_array_equal(made.robot.guard.tau_max, np.full(6, 3.0))
     assert made.document["guard"]["source"]["tau_max"].startswith("URDF: effort")
     np.testing.assert_allclose(made.robot.guard.unexplained_torque_or_default, np.full(6, 2.1))  # not the PUMA's 88 N m
+    np.testing.assert_allclose(made.robot.guard.unknown_load_or_default, np.full(6, 0.45))  # nor its 27 N m
 
 
 def test_what_a_urdf_does_not_tell_is_asked_for_by_name(tmp_path: Path) -> None:

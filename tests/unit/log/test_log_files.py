@@ -20,8 +20,11 @@ from qrobot.log.header import LOCKSTEP, Attachment, LogHeader
 from qrobot.log.read import read_log
 from qrobot.log.record import BACKLOG_BYTES, FLUSH_NS, LogRecorder, write_log
 from qrobot.log.status import LogStatus
-from qrobot.log.writer import LogWriter
+from qrobot.log.topics import later_parts
+from qrobot.log.windows import LogWindows
+from qrobot.log.writer import LogWriter, remove_log
 from qrobot.realtime.setup import SetupStep
+from qrobot.servo.memory.law_history import LawInForce
 from qrobot.servo.memory.telemetry import TelemetryLayout
 from tests.support.log_samples import START_NS, FullDisk, Ring, make_header, make_rows
 from tests.support.patience import PATIENCE_S
@@ -94,6 +97,56 @@ def test_an_overwritten_log_does_not_inherit_parts_of_the_old_one(tmp_path: Path
     write_log(tmp_path / "run.mcap", make_rows(30_000), make_header(), max_bytes=500_000)
     write_log(tmp_path / "run.mcap", make_rows(10), make_header())
     assert read_log(tmp_path / "run.mcap").rows.size == 10
+
+
+@pytest.mark.parametrize("end", ["removed", "overwritten"])
+def test_no_part_of_an_old_log_stays_although_earlier_ones_have_gone(tmp_path: Path, end: str) -> None:
+    files = write_log(tmp_path / "run.mcap", make_rows(30_000), make_header(), max_bytes=300_000)
+    others = [tmp_path / name for name in ("run.mcap.txt", "run.12.mcap", "run.0003x.mcap", "rune.0003.mcap")]
+    for other in others:
+        other.write_bytes(b"something else")
+    assert later_parts(files[0]) == files[1:]
+    for gone in files[:3]:
+        gone.unlink()
+    if end == "removed":
+        remove_log(files[0])
+    else:
+        write_log(files[0], make_rows(10), make_header())
+        assert read_log(files[0]).rows.size == 10
+    assert not any(part.exists() for part in files[1:])
+    assert all(other.exists() for other in others)
+
+
+def test_each_part_of_a_log_tells_the_law_in_force(tmp_path: Path) -> None:
+    law = LawInForce(0, 0, "pd", "frequency=8", (1.0,) * 6, (2.0,) * 6, (3.0,) * 6)
+    other = replace(law, tick=12_000, t_ns=START_NS, law="qrobot")
+    writer = LogWriter(tmp_path / "run.mcap", make_header(), max_bytes=300_000)
+    for first in range(0, 30_000, 1000):
+        writer.append(make_rows(1000, first=first))
+        if first in (0, 12_000):
+            writer.append_law(other if first else law)
+        writer.flush()
+    writer.close()
+    parts = writer.parts
+    assert read_log(parts[0]).laws == (law, other)
+    assert [read_log(part).laws[0].law for part in (parts[0], parts[1], parts[-1])] == ["pd", "pd", "qrobot"]
+    for part in parts[:-1]:
+        part.unlink()
+    assert read_log(parts[-1]).laws == (other,)
+
+
+@pytest.mark.parametrize("written", [b"", b"\x89MCAP0\r\n"])
+def test_a_part_that_was_cut_off_before_its_header_ends_a_log(tmp_path: Path, written: bytes) -> None:
+    """A full disk, or a kill, right behind a rotation."""
+    write_log(tmp_path / "run.mcap", make_rows(100), make_header())
+    (tmp_path / "run.0002.mcap").write_bytes(written)
+    log = read_log(tmp_path / "run.mcap")
+    assert log.rows.size == 100
+    assert log.torn
+    windows = LogWindows(tmp_path / "run.mcap")
+    while windows.read_on():
+        pass
+    assert not windows.whole
 
 
 def test_parts_of_different_logs_are_not_joined(tmp_path: Path) -> None:
