@@ -56,7 +56,7 @@ static inline void driver_fill(struct driver *driver, struct how *how, struct ch
     memcpy(how->setpoint, state->q_setpoint, sizeof how->setpoint);
     memcpy(how->force, state->force, sizeof how->force);
     if (driver->was_following && state->mode != QROBOT_MODE_TRACKING)
-        chg->move = 0;
+        chg->move = driver->moved = 0; /* and when it moves again, that is a new run */
     driver->was_following = state->mode == QROBOT_MODE_TRACKING;
 }
 

@@ -18,6 +18,7 @@
 #define MOVE_S 2.0
 #define POWER_S 20.0
 #define ASK_AGAIN_S 4.0 /* longer than the servo itself waits for power */
+#define POWER_STOPPED 81 /* an event: somebody wanted no power while it came */
 
 static volatile sig_atomic_t interrupted;
 
@@ -28,13 +29,18 @@ static void interrupt(int number)
 }
 
 /* Wait until the arm follows setpoints. Power comes on a request that is raised: it is low at first, for a program before
- * this one may have left it high, and again when it was refused, as while an arm without power still swings.
+ * this one may have left it high, and again when it was refused, as while an arm without power still swings; but not
+ * against somebody who has stopped the arm, or taken its power, while it came.
  * Returns NULL, or what is in the way. */
 static const char *power_on(struct driver *driver, struct how *how, struct chg *chg)
 {
     double until = how->time + POWER_S, asked = how->time - ASK_AGAIN_S;
+    int coming = 0;
 
     do {
+        coming = coming || driver->state.mode == QROBOT_MODE_POWERING;
+        if (coming && driver->state.mode == QROBOT_MODE_OFF && driver->state.event == POWER_STOPPED)
+            return qrobot_fault_text(POWER_STOPPED);
         chg->power = how->powered || how->time - asked < ASK_AGAIN_S;
         if (!chg->power)
             asked = how->time;

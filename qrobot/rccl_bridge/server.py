@@ -36,6 +36,7 @@ WRITE_BUFFER_BYTES: Final = 8_192
 OVERSLEPT_S: Final = 0.02  # a timer that fires later found this process stopped [A]
 LOOK_S: Final = 0.002
 PATIENCE_S: Final = 0.2  # with an emulated arm that wakes up after we did [A]
+MOST_UNWANTED: Final = 1 << 16  # [A] bytes of a client that was sent away, before it is cut: they cost time
 LINGER_S: Final = 1.0  # a closed connection that does not drain is cut after this
 MAX_LINGERING: Final = 32  # closed connections that are waited for
 
@@ -137,6 +138,7 @@ class _Client(asyncio.Protocol):
         )  # fmt: skip
         self.transport: asyncio.Transport | None = None
         self._timer: asyncio.TimerHandle | None = None
+        self._unwanted = 0  # bytes that came behind its end
         self._wake_s = self._patient_until_s = 0.0  # when the timer is to fire, on the event loop's clock
 
     async def take_over(self, connection: socket.socket) -> None:
@@ -158,6 +160,11 @@ class _Client(asyncio.Protocol):
 
     def data_received(self, data: bytes) -> None:
         """Bytes came."""
+        if self.session.ended:  # they are read to let the last words arrive; nobody has much under way
+            self._unwanted += len(data)
+            if self._unwanted > MOST_UNWANTED:
+                self.cut()
+            return
         self._carry_out(self.session.receive(data, self._server.now_ns()))
         self._set_timer()
 

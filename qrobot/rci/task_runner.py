@@ -64,8 +64,10 @@ class RobotExchange:
         self.link = link
         self._command: Command | None = None  # on virtual time, until the next read
 
-    def read(self) -> State:
-        """The newest STATE. Raises LinkError."""
+    def read(self) -> State | None:
+        """The newest STATE; None in real time where something else has come, or a part of one. Raises LinkError."""
+        if isinstance(self.link, TcpLink):
+            return self.link.take_state()
         command, self._command = self._command, None
         return self.link.exchange(command)
 
@@ -273,8 +275,9 @@ class TaskRunner:
     def _sample(self, cycle: RobotCycle) -> None:
         if self.port is None:
             return
-        self._state = state = self.port.read()
-        self.heard_ns = self._clock.now_ns()
+        if (state := self.port.read()) is None:
+            return
+        self._state, self.heard_ns = state, self._clock.now_ns()
         self._count_left_out(cycle)
         follows = cycle.phase is CyclePhase.FOLLOWING
         runs = follows and self.td.active and self._clock.ticks >= self._active_from

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import select
 import socket
 import time
 from collections.abc import Callable, Mapping
@@ -179,6 +180,14 @@ class TcpLink:
             self._open_socket.settimeout(STEP_TIMEOUT_S)
         return state
 
+    def take_state(self) -> State | None:
+        """The newest STATE that has come; None when none has, for nobody waits here. Raises LinkLost, ServoFault."""
+        if data := self._client.say(None):
+            self._send(data)
+        while (state := self._client.pop_state()) is None and self._can_be_read():
+            self._client.take(self._receive())
+        return state
+
     def send(self, command: Command) -> None:
         """Send without waiting. Raises LinkLost, or what the server refused by."""
         self._send(self._client.say(command))
@@ -245,6 +254,11 @@ class TcpLink:
         while (answer := pop()) is None:
             self._client.take(self._receive())
         return answer
+
+    def _can_be_read(self) -> bool:
+        look = select.poll()
+        look.register(self._open_socket, select.POLLIN)
+        return bool(look.poll(0))
 
     def _send(self, data: bytes) -> None:
         try:

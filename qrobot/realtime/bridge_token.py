@@ -70,6 +70,14 @@ def token_for(host: str, port: int) -> bytes:
     """
     if (given := os.environ.get(VARIABLE)) is not None:
         return given.strip().encode()[:LONGEST_BYTES]
+    return token_of_file(host, port)
+
+
+def token_of_file(host: str, port: int) -> bytes:
+    """The token that whoever serves an address of this machine has left for its own account; nothing without one.
+
+    Raises LinkError when the runtime folder or the file is not as it must be.
+    """
     if host != "localhost" and not is_loopback(host):
         return b""
     try:

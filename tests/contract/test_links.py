@@ -249,6 +249,28 @@ def test_a_bridge_of_an_arm_in_step_may_be_silent_for_a_shorter_time_once_sample
         link.close()
 
 
+def test_a_state_is_taken_when_it_has_come_whole_and_nobody_waits_for_the_rest(robot) -> None:
+    """A warning, half of a packet, and nothing at all: a task that serves other robots goes on with them."""
+    near, far = socket.socketpair()
+    with far:
+        far.sendall(robot.transfer(Connection(Side.CLIENT).send(hello_for("puma560"))))
+        link = TcpLink(hello_for("puma560"), NOWHERE, lambda _: near)
+        link.open()
+        while link.take_state() is not None:  # that came with the greeting
+            pass
+        data = robot.tell()
+        far.sendall(data[:20])
+        assert link.take_state() is None
+        far.sendall(data[20:] + robot.tell()[:7])
+        first = link.take_state()
+        assert first is not None
+        assert link.take_state() is None
+        far.close()
+        with pytest.raises(LinkLost):
+            link.take_state()
+        link.close()
+
+
 def test_nobody_at_the_address_is_one_clear_line() -> None:
     with socket.socket() as deaf:  # has the port, so that nobody else listens there
         deaf.bind(("127.0.0.1", 0))

@@ -37,6 +37,16 @@ static void run_e(RCI_TASK *td) { (void)td; }
 static int at_12(void) { return rci_ticks() >= 12; }
 static int at_40(void) { return rci_ticks() >= 40; }
 
+/* Of one name the newest call counts, and takes no other place. */
+static int named_often(void)
+{
+    int again, all = 1;
+
+    for (again = 0; again < 100; again++)
+        all = all && rci_robot("another", "puma560", again % 2 ? "127.0.0.1:1" : 0) == 0;
+    return all;
+}
+
 static void mistakes(void)
 {
     CHECK(rci_create("", "") == 0 && rci_create("a", "") == 0);
@@ -54,6 +64,7 @@ static void mistakes(void)
     CHECK(rci_onfunction(arm, wake_d) < 0 && rci_deviceInterrupt(arm, 0) < 0); /* it is woken by its robot */
     CHECK(rci_start(arm->bit) < 0 && strstr(rci_error(), "has no functions") != 0);
     CHECK(rci_robot("arm", "no such robot", 0) < 0 && rci_descriptor("nobody") == 0);
+    CHECK(named_often());
 }
 
 static void queues(void)

@@ -88,6 +88,8 @@ static int crowd(void)
     if (rci_start(rogue->bit) || rci_wait(forever) == 0) /* it is told that the task ended */
         return 2;
     printf("%s\n", rci_taskError(rogue));
+    if (rci_start(rogue->bit) == 0) /* its function has not come back, and would write into what the new run reads */
+        return 5;
     runs = rci_runs(fast);
     while (rci_runs(fast) < runs + 20) /* others of its processor go on */
         select_for_a_while();

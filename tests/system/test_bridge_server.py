@@ -393,3 +393,11 @@ def test_a_terminal_that_is_held_holds_up_no_client(tmp_path: Path) -> None:
         process.terminate()
         terminal.read()
     assert process.returncode == 0
+
+
+def test_a_client_that_was_sent_away_and_goes_on_talking_is_cut() -> None:
+    """Its bytes are read, so that the last words arrive; reading without end would cost every arm's bridge time."""
+    with Bridge() as bridge, bridge.connect() as client:
+        client.socket.sendall(b"no packet at all" * 8)
+        with pytest.raises((ConnectionResetError, BrokenPipeError)):
+            client.socket.sendall(bytes(16 << 20))

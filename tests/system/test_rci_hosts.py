@@ -158,7 +158,8 @@ def test_memory_for_a_task_on_another_host_and_programs_of_others_are_refused_be
         rci.rci_start(td.bit)
     rci.rci_close()
     td = task("far", functions.answer)
-    monkeypatch.setenv("QROBOT_TOKEN", "that of somebody else")
+    monkeypatch.setenv("QROBOT_TOKEN", "that of a bridge")  # is for no host
+    monkeypatch.setattr("qrobot.rci.hosts.remote_processor.token_of_file", lambda *_: b"that of somebody else")
     with pytest.raises(LinkError, match="cannot read the token"):
         rci.rci_start(td.bit)
 

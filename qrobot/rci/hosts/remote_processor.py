@@ -43,7 +43,7 @@ from qrobot.rci.processor_image import ProcessorImage, TaskRecord
 from qrobot.rci.processor_names import ProcessorInfo, host_name_of
 from qrobot.rci.task_runner import ControlFunctions
 from qrobot.rci.task_table import ALL, TaskTable, signal_parent
-from qrobot.realtime.bridge_token import token_for
+from qrobot.realtime.bridge_token import token_of_file
 
 EXCHANGE_S: Final = 0.005  # [A] between two exchanges
 BRISK_S: Final = 0.001  # [A] behind one that carried messages: an answer may follow
@@ -192,7 +192,7 @@ class RemoteProcessor:
         tasks = [_task_entry(record, self.name) for record in image.tasks]
         return BootPacket(
             session=self._token,
-            token="" if self._host.tls is not None else token_for(*self._host.address).decode("ascii", "replace"),
+            token="" if self._host.tls is not None else token_of_file(*self._host.address).decode("ascii", "replace"),
             program=(Path(sys.argv[0] or "python").name or "python")[:200],
             processor=self.name,
             rate_hz=image.rate_hz,

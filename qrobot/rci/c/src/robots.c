@@ -40,8 +40,9 @@ void rci_forget_robots(void)
 
 int rci_robot(const char *name, const char *file, const char *bridge)
 {
-    struct other_name *other = &others[n_others];
     const RCI_ROBOT *robot = file ? in_table(file) : NULL;
+    struct other_name *other;
+    int index = 0;
 
     rci_begin();
     if (robot == NULL)
@@ -49,12 +50,15 @@ int rci_robot(const char *name, const char *file, const char *bridge)
                         file ? file : "");
     if (name == NULL || name[0] == '\0' || strlen(name) > NAME_BYTES || (bridge && strlen(bridge) > NAME_BYTES))
         return rci_fail("rci_robot: a name and an address of at most %d bytes are needed", NAME_BYTES);
-    if (n_others == OTHER_NAMES)
+    while (index < n_others && strcmp(others[index].name, name) != 0)
+        index++; /* a name that is given anew is that of the newest call */
+    if (index == OTHER_NAMES)
         return rci_fail("rci_robot: at most %d other names", OTHER_NAMES);
+    other = &others[index];
     strcpy(other->name, name);
     strcpy(other->address, bridge ? bridge : "");
     other->robot = robot;
-    n_others++;
+    n_others += index == n_others;
     return 0;
 }
 

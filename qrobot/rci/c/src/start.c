@@ -48,6 +48,15 @@ void rci_let_pass(void)
 
 /* ------------------------------------------------------------------------------------------------------------- start */
 
+/* A function of it was given up, and has not come back yet: it would write into what the new run reads. */
+static int has_lost_function(const RCI_TASK *td)
+{
+    for (const struct seat *seat = rci_program.lost_seats; seat != NULL; seat = seat->next_lost)
+        if (seat->running == td && !seat->ended)
+            return 1;
+    return 0;
+}
+
 static const char *cannot_start(const RCI_TASK *td)
 {
     const struct rci_inside *in = td->inside;
@@ -56,6 +65,8 @@ static const char *cannot_start(const RCI_TASK *td)
         return "has no functions: call rci_control()";
     if (in->state == RCI_ATTACHING || in->state == RCI_READY || in->state == RCI_ACTIVE)
         return "is active already";
+    if (has_lost_function(td))
+        return "has a function that was given up and has not come back yet";
     return NULL;
 }
 
