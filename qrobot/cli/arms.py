@@ -102,7 +102,8 @@ def insist_on_its_board(arm: DeployedArm) -> None:
 
     Every command has the packaged emulated arm by default; copies of its file keep the name.
     """
-    from qrobot.hwif.board_memory import attach_board_memory, insist_on_emulated
+    from qrobot.hwif.board_memory import attach_board_memory
+    from qrobot.servo.emulated_board import insist_on_emulated
 
     if not arm.board.emulated:
         return

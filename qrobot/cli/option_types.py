@@ -22,7 +22,6 @@ from qrobot.config.deployment import LEAST_GB, MOST_GB
 from qrobot.config.kinds import FileKind, kind_of_file
 from qrobot.errors import ConfigError, LogError, error_text
 from qrobot.extras import missing_library
-from qrobot.log.topics import later_parts
 from qrobot.servo.calibration.state import FEWEST_INDEXES, MOST_INDEXES
 from qrobot.servo.rates import HIGHEST_RATE_HZ, LOWEST_RATE_HZ
 from qrobot.whole_file import probe_file, probe_folder
@@ -180,7 +179,9 @@ def _try_log(path: Path) -> None:
 
 def _parts_written(path: Path) -> list[Path]:
     """Parts with something in them of the log that begins at `path`: the first ones may have been removed."""
-    return [part for part in (path, *later_parts(path)) if part.is_file() and part.stat().st_size]
+    from qrobot.log.mcap_scan import parts_left
+
+    return [part for part in (path, *parts_left(path)) if part.is_file() and part.stat().st_size]
 
 
 def _try_file(path: Path) -> None:

@@ -30,17 +30,11 @@ app = App(name="robot", help=HELP, help_format="plaintext", group_commands="Comm
 
 MJCF_STEP_S = 0.25e-3  # [A] that of the emulator at 4 kHz
 Format = Literal["urdf", "mjcf", "dh", "toml"]
-
-
-def _checked_before(_path: Path) -> None:
-    """Nothing more: whether it can be written is looked at before the format is known."""
-
-
 _KINDS: Final[dict[str, FileOfKind]] = {
-    "urdf": FileOfKind("a URDF", (".urdf", ".xml"), _checked_before),
-    "mjcf": FileOfKind("an MJCF model", (".xml", ".mjcf"), _checked_before),
-    "dh": FileOfKind("a table of rows", (".csv",), _checked_before),
-    "toml": FileOfKind("a robot file", (".toml",), _checked_before, FileKind.ROBOT),
+    "urdf": FileOfKind("a URDF", (".urdf", ".xml")),
+    "mjcf": FileOfKind("an MJCF model", (".xml", ".mjcf")),
+    "dh": FileOfKind("a table of rows", (".csv",)),
+    "toml": FileOfKind("a robot file", (".toml",), kind=FileKind.ROBOT),
 }
 
 

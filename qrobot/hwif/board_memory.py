@@ -24,7 +24,7 @@ from typing import Any, Final
 
 from qrobot.arrays import Words
 from qrobot.config.outputs import N_ANALOG_OUTPUTS
-from qrobot.errors import ConfigError, LinkBusy, LinkError
+from qrobot.errors import LinkBusy, LinkError
 from qrobot.hwif.image import IMAGE_COUNT, IMAGE_WORDS
 from qrobot.hwif.registers import N_ADCS, N_ENCODERS
 from qrobot.realtime.jit import lean_kernel
@@ -185,16 +185,9 @@ def attach_board_memory(arm: str) -> BoardSegment:
     return BoardSegment.attach(f"{arm}-board", LAYOUT, start, DIGEST)
 
 
-def insist_on_emulated(memory: BoardMemory, arm: str) -> None:
-    """Raise ConfigError where the board of an arm that a deployment file calls emulated is one behind a gateway.
-
-    One that has not found its board yet tells nothing of it.
-    """
-    if memory.facts.asked != 0 or memory.facts.taken_ns != 0:
-        raise ConfigError(
-            f"the deployment file says that the board of {arm} is emulated, and what runs under this name is a gateway "
-            "to another one: name the file that `qrobot board` was started with"
-        )
+def is_of_gateway(memory: BoardMemory) -> bool:
+    """Whether the board is behind a gateway; one that has not found its board yet tells nothing of it."""
+    return bool(memory.facts.asked != 0 or memory.facts.taken_ns != 0)
 
 
 def command_board_memory(arm: str) -> BoardSegment:

@@ -29,7 +29,7 @@ from qrobot.log import law_message
 from qrobot.log.damage import RECORD_HEAD, DamagedPlace, chunk_times, next_chunk, record_at
 from qrobot.log.header import METADATA_NAME, LogHeader
 from qrobot.log.status import LogStatus
-from qrobot.log.topics import LAW_TOPIC, STATUS_TOPIC, TICK_TOPIC
+from qrobot.log.topics import LAW_TOPIC, STATUS_TOPIC, TICK_TOPIC, later_parts
 from qrobot.servo.memory.law_history import LawInForce
 from qrobot.servo.memory.telemetry import ROW_VERSION, Rows, TelemetryLayout
 
@@ -180,6 +180,22 @@ def _take_summary(found: Contents, n: int, data: memoryview) -> None:
     while (record := record_at(data, at)).opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
         _take_definition(found, n, record.opcode, record.body)
         at = record.end
+
+
+def parts_left(path: Path) -> list[Path]:
+    """Parts from 2 on of the log `path` that are there: by their names, and their headers as far as they have one.
+
+    A log of its own may be called like one, as run.2025.mcap beside run.mcap.
+    """
+    return [part for part in later_parts(path) if _is_part(part)]
+
+
+def _is_part(path: Path) -> bool:
+    try:
+        header = header_of_part(path)
+    except LogError:  # cut off, or no log at all
+        return True
+    return header is None or header.part == int(path.stem.rpartition(".")[2])
 
 
 def is_begun(path: Path) -> bool:

@@ -22,10 +22,11 @@ def part_path(path: Path, part: int) -> Path:
 
 
 def later_parts(path: Path) -> list[Path]:
-    """Files of the parts from 2 on of the log `path` that are there, in order; the first ones may have been removed."""
+    """Files named as parts from 2 on of the log `path`, in order; the first ones may have been removed."""
     found = path.parent.glob(f"{escape(path.stem)}.{'[0-9]' * 4}*{escape(path.suffix)}")
     numbers = {part: part.name.removeprefix(f"{path.stem}.").removesuffix(path.suffix) for part in found}
-    return sorted((part for part in numbers if numbers[part].isdecimal()), key=lambda part: int(numbers[part]))
+    named = {int(number): part for part, number in numbers.items() if number.isdecimal() and number.isascii()}
+    return [named[number] for number in sorted(named) if number > 1 and named[number] == part_path(path, number)]
 
 
 def part_beside(path: Path, own: int, part: int) -> Path:

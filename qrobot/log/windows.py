@@ -92,7 +92,7 @@ class LogWindows:
         """The log with its first row alone, and what it carries."""
         found = self._parts[0].found
         rows = self.header.layout.empty(0) if self._first is None else self._first
-        laws = tuple(law for part in self._parts for law in part.found.laws)
+        laws = tuple(dict.fromkeys(law for part in self._parts for law in part.found.laws))
         return Log(self.path, self.header, rows, attachments=found.attachments, laws=laws)
 
     @property

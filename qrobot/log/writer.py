@@ -12,8 +12,9 @@ from qrobot.fences.told_fences import ToldFences
 from qrobot.log.arm_view import Point
 from qrobot.log.header import Attachment, LogHeader
 from qrobot.log.mcap_file import LogPart, LogStream
+from qrobot.log.mcap_scan import parts_left
 from qrobot.log.status import LogStatus
-from qrobot.log.topics import later_parts, part_path
+from qrobot.log.topics import part_path
 from qrobot.model.arm_shape import NO_TOOL
 from qrobot.servo.memory.law_history import LawInForce
 from qrobot.servo.memory.telemetry import Rows
@@ -55,7 +56,7 @@ class LogWriter:
             probe_file(path)
         except OSError as error:
             raise LogError(f"cannot write the log {path}: {error.strerror}") from None
-        _remove(later_parts(path))
+        _remove(parts_left(path))
         self._law: LawInForce | None = None
         self._part = self._open(1)
         self._number = 1
@@ -159,7 +160,7 @@ class LogWriter:
 
 def remove_log(path: Path) -> None:
     """Remove a log, if there is one, with all its parts. Raises LogError: it cannot be."""
-    _remove([path, *later_parts(path)])
+    _remove([path, *parts_left(path)])
 
 
 def _remove(parts: Iterable[Path]) -> None:

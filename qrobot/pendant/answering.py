@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 import os
 import select
+import signal
 import struct
 import sys
 from io import RawIOBase
@@ -30,7 +31,8 @@ class Answerer(Protocol):
 
 
 def serve_answers(answerer: Answerer) -> None:
-    """Answer what this process is asked until its input ends."""
+    """Answer what this process is asked until its input ends. From its main thread."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the pendant, whose end ends this
     os.nice(NICE)
     with open(sys.stdin.fileno(), "rb", buffering=0, closefd=False) as requests:  # select sees what no buffer holds
         _serve(requests, sys.stdout.buffer, answerer)

@@ -279,7 +279,7 @@ class Channel(HandAndOutputs, MotionParameters):
             )
 
     def play(self, setpoints: Setpoints, label: str = "setpoints") -> None:
-        """Send setpoints as they are, one each sample, and return at once; `completed` when the last one is out.
+        """Send setpoints as they are, at full speed one each sample, and return; `completed` when the last one is out.
 
         They must begin where the arm stands. At an override below 100 %, the program's or the operator's, they pass
         slower, and in a pause not at all, as other motions do. `label` says where they are from, for messages.

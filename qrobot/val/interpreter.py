@@ -398,6 +398,7 @@ class Interpreter:
         task.doing = task.until = None
         told = told if task is self.task else ProgramError(f"beside: {told}")
         if task.on_error and task is self.task:
+            asked = self.machine.asked_of_next
             if task.last is not None and is_motion(task.last[0].program.lines[task.last[1]].action):
                 self.machine.ask_nothing_of_next()  # it was asked of the motion that failed
             try:
@@ -405,6 +406,7 @@ class Interpreter:
                 task.on_error, self.message = "", str(told)
                 return
             except ProgramError as refusal:
+                self.machine.behind_reaction(asked)  # RETRY does the motion again
                 told = ProgramError(f"{told}; and REACTE: {refusal}")
         self._fail(told)
         self._failed = task

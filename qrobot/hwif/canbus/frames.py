@@ -38,6 +38,7 @@ TPDO: Final = (0x180, 0x280, 0x380, 0x480, 0x680)  # there is no fifth in the se
 RPDO: Final = (0x200, 0x300, 0x400, 0x500)
 SDO_ANSWER: Final = 0x580
 SDO_ASK: Final = 0x600
+START: Final = 1  # NMT command
 HEARTBEAT: Final = 0x700
 MAX_NODE: Final = 0x5F  # of TPDO 5
 
@@ -72,13 +73,13 @@ def encode_operations(operations: Operations) -> list[bytes]:
             runs[-1].append(value & 0xFFFF)
         else:
             runs.append([offset, value & 0xFFFF])
-    to_come = [min(MAX_FRAMES, len(runs) - i + i % MAX_FRAMES) - 1 - i % MAX_FRAMES for i in range(len(runs))]
-    return [_frame(to_come[i], run[0] | (i % MAX_FRAMES == 0), run[1:]) for i, run in enumerate(runs)]
+    lists = [runs[first : first + MAX_FRAMES] for first in range(0, len(runs), MAX_FRAMES)]
+    return [_frame(len(part) - 1 - i, run[0] | (i == 0), run[1:]) for part in lists for i, run in enumerate(part)]
 
 
 def _frame(to_come: int, code: int, values: list[int]) -> bytes:
     padded = values + [0] * (_RUN - len(values))
-    return _MAILBOX.pack(to_come & 0xFF, code | len(values) << 6, *padded)
+    return _MAILBOX.pack(to_come, code | len(values) << 6, *padded)
 
 
 class Mailbox:

@@ -8,7 +8,7 @@ from contextlib import suppress
 from typing import TYPE_CHECKING, Final
 
 from qrobot.errors import LinkError, LinkLost, LinkTimeout, RemoteProtocolError
-from qrobot.hwif.canbus.frames import EMCY, HEARTBEAT, NMT, SDO_ANSWER, SDO_ASK
+from qrobot.hwif.canbus.frames import EMCY, HEARTBEAT, NMT, SDO_ANSWER, SDO_ASK, START
 from qrobot.hwif.canbus.interface import load_can, open_interface
 from qrobot.realtime.deadline import Deadline
 
@@ -16,7 +16,6 @@ if TYPE_CHECKING:
     import can
 
 SDO_TIMEOUT_S: Final = 0.5  # at least
-START: Final = 1  # NMT command
 SDO: Final = struct.Struct("<BHBL")  # of at most four bytes (CiA 301, 7.2.4.3)
 UPLOAD: Final = 0x40
 UPLOADED: Final = 0x43  # less the bits of its size

@@ -22,8 +22,7 @@ from canopen.objectdictionary.eds import import_eds
 
 from qrobot.errors import ConfigError, LinkError, RemoteProtocolError
 from qrobot.hwif.bus import Endpoint, Operations, safe_operations
-from qrobot.hwif.canbus.frames import MAX_NODE, NMT, RPDO, SDO_ASK, SYNC, TPDO, Mailbox, encode_image
-from qrobot.hwif.canbus.link import START
+from qrobot.hwif.canbus.frames import MAX_NODE, NMT, RPDO, SDO_ASK, START, SYNC, TPDO, Mailbox, encode_image
 from qrobot.hwif.canbus.loop import LoopNetwork
 from qrobot.hwif.canbus.objects import COUNTERS_OBJECT, ERROR_REGISTER, IMAGE_OBJECT, eds_text
 from qrobot.hwif.canbus.service import RegisterService
@@ -175,12 +174,13 @@ class BoardNode:
         self._network.notify(can_id, bytearray(data), 0.0)
         if before == OPERATIONAL and self.state != OPERATIONAL:
             self._make_safe()
-        if data[0] == START and data[1] in (0, self.node_id):  # of a list before that no SYNC has come
+        mine = data[1] in (0, self.node_id)
+        if mine and data[0] == START:  # of a list before that no SYNC has come
             self._outputs.clear()
             self._mailbox.take()
         if self.state == "INITIALISING":
             self.boot()
-        if data[1] in (0, self.node_id):
+        if mine:
             self._hear()
 
     def _take_service(self, can_id: int, data: bytes) -> None:
@@ -258,7 +258,7 @@ class BoardNode:
                 self._report(f"CAN node {self.node_id}: the client is silent; torque zero, arm power off")
 
     def _make_safe(self, tell: bool = True) -> bool:
-        """Torque zero, power off; whether the board has taken it. Its lines stay as the newest image has them."""
+        """Torque zero, power off; whether the board has taken it. Scratch bits stay as in the newest image."""
         self._outputs.clear()
         self._mailbox.take()
         try:

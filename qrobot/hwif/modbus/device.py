@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from contextlib import suppress
 from typing import Final
 
 import numpy as np
@@ -127,20 +126,16 @@ class ModbusDevice:
             return False
         begins, self._late, self._holder = not self._late, True, None
         if begins:
-            silent = f"silent for {self.watchdog_ns / NS_PER_MS:g} ms: board made safe"
+            silent_ms = self.watchdog_ns / NS_PER_MS
             self.trips += 1
-            self._report(f"the Modbus client in control is {silent}")
+            self._report(f"the Modbus client in control is silent for {silent_ms:g} ms: board made safe")
         self._armed = not self.make_safe(tell=begins)
         return begins
 
     def make_safe(self, tell: bool = True) -> bool:
-        """Torque zero, power off; whether the board has taken it. One that is away is told of and not an error.
-
-        Its lines stay as the newest image has them.
-        """
+        """Torque zero, power off; whether the board has taken it. One that is away is told of and not an error."""
         try:
-            with suppress(LinkError):
-                self._fetch()
+            self._fetch()
             self._apply(safe_operations(self._status))
         except LinkError as error:
             if tell:

@@ -24,14 +24,7 @@ from qrobot.arrays import Floats, Words
 from qrobot.config import Robot
 from qrobot.errors import ConfigError, LinkError, QRobotError
 from qrobot.faultcodes import NO_JOINT, FaultCode, explain
-from qrobot.hwif.board_memory import (
-    BoardSegment,
-    Lane,
-    attach_board_memory,
-    command_board_memory,
-    insist_on_emulated,
-    local_board_memory,
-)
+from qrobot.hwif.board_memory import BoardSegment, Lane, attach_board_memory, command_board_memory, local_board_memory
 from qrobot.hwif.bus import check_encoders
 from qrobot.hwif.isa.bus import PortBus
 from qrobot.hwif.isa.card import CARD_BASE, CARD_KIND, CARD_READ_ONLY, CARD_WITHHELD, NO_CARD, REAL_CARD, make_card
@@ -48,6 +41,7 @@ from qrobot.realtime.signals import ending_signals, handled, interrupted_by_sigt
 from qrobot.realtime.startup_order import await_turn, turn_is_awaited
 from qrobot.report import QueuedReport, Report
 from qrobot.servo.checks.monitor_state import check_exchanges
+from qrobot.servo.emulated_board import insist_on_emulated
 from qrobot.servo.laws.law import Law
 from qrobot.servo.laws.law_swap import SwapState
 from qrobot.servo.laws.names import law_label

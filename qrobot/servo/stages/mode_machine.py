@@ -301,7 +301,7 @@ def _power_off(params: ServoParameters, state: ServoState, mail: Any, now_ns: in
     elif state.mode != FAULTED and not _loads_counters(state):
         if state.mode == CALIBRATING:
             report_event(state, CAL_STOPPED, state.cal.joint_now)
-        elif state.mode == POWERING and state.power_locked != 0:  # by somebody else than who asked for it
+        elif state.mode == POWERING and state.power_locked != 0:  # by a stop or a power-off, not by its level
             report_event(state, POWER_STOPPED)
         set_mode(state, OFF)
 

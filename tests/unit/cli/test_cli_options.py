@@ -23,8 +23,8 @@ from qrobot.cli.option_types import Range, require_new_log, require_writable_log
 from qrobot.config import load_robot
 from qrobot.log.header import LOCKSTEP, REALTIME, header_for
 from qrobot.log.record import write_log
-from qrobot.log.topics import part_path
 from qrobot.servo.memory.telemetry import TelemetryLayout
+from tests.support.log_samples import make_rows
 
 APP: Final = make_app()
 READ: Final = {
@@ -297,12 +297,17 @@ def test_the_recording_of_a_running_arm_is_not_written_over(
         else:
             require_writable_log(path)  # it can be made again
         assert path.read_bytes() == before
-    for part in (2, 7):  # those before are removed, one after the other
-        part_path(tmp_path / f"parted{part}.mcap", part).write_bytes((tmp_path / f"{REALTIME}.mcap").read_bytes())
+    header = header_for(robot, 1_000_000, "qrobot", REALTIME)
+    parts = write_log(tmp_path / "parted.mcap", make_rows(20_000), header, max_bytes=300_000)
+    for gone in parts[:-1]:  # removed, one after the other
+        gone.unlink()
         with pytest.raises(ValueError, match="the recording of a running arm"):
-            require_writable_log(tmp_path / f"parted{part}.mcap")
+            require_writable_log(parts[0])
         with pytest.raises(ValueError, match="it is a recording already"):
-            require_new_log(tmp_path / f"parted{part}.mcap")
+            require_new_log(parts[0])
+    parts[-1].unlink()
+    write_log(tmp_path / "parted.2026.mcap", rows, header)  # another log, of that year
+    require_new_log(parts[0])
     (tmp_path / "damaged.mcap").write_bytes(before[:200])
     with pytest.raises(ValueError, match="name another file"):
         require_writable_log(tmp_path / "damaged.mcap")

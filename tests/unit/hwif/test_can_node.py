@@ -211,12 +211,18 @@ def test_power_that_was_switched_off_is_no_emergency(desk: Desk) -> None:
     assert desk.emergencies == []
 
 
-def test_a_silent_client_makes_the_board_safe_once_and_may_go_on() -> None:
+def desk_of_a_silent_client() -> Desk:
+    """One whose client has written once, longer ago than the watchdog waits."""
     desk = Desk(watchdog_ms=5.0)
     desk.command(START)
     desk.post((OP_WRITE, DAC, 5))
     desk.sync()
     desk.clock.pass_ms(5.1)
+    return desk
+
+
+def test_a_silent_client_makes_the_board_safe_once_and_may_go_on() -> None:
+    desk = desk_of_a_silent_client()
     desk.node.step(0.0)
     desk.node.step(0.0)
     assert desk.end.lists[1:] == [SAFE]
@@ -239,11 +245,7 @@ def test_a_list_of_which_no_sync_came_is_forgotten_when_the_client_begins_anew(d
 
 
 def test_a_board_that_cannot_be_made_safe_is_tried_again_until_it_is() -> None:
-    desk = Desk(watchdog_ms=5.0)
-    desk.command(START)
-    desk.post((OP_WRITE, DAC, 5))
-    desk.sync()
-    desk.clock.pass_ms(5.1)
+    desk = desk_of_a_silent_client()
     desk.end.gone = True
     for _ in range(5):
         desk.node.step(0.0)

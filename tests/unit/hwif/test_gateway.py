@@ -21,7 +21,6 @@ from qrobot.hwif.board_memory import (
     Lane,
     create_board_memory,
     fetch_image,
-    insist_on_emulated,
     local_board_memory,
     newest_count,
 )
@@ -42,6 +41,7 @@ from qrobot.hwif.registers import (
     N_DACS,
 )
 from qrobot.hwif.trace import OWN_LANE, load_head, read_trace
+from qrobot.servo.emulated_board import insist_on_emulated
 from tests.support.bench import PERIOD_NS, Bench, post
 from tests.support.bus import BenchEndpoint, DirectBus
 from tests.support.signals import default_signals

@@ -105,7 +105,8 @@ def test_no_part_of_an_old_log_stays_although_earlier_ones_have_gone(tmp_path: P
     others = [tmp_path / name for name in ("run.mcap.txt", "run.12.mcap", "run.0003x.mcap", "rune.0003.mcap")]
     for other in others:
         other.write_bytes(b"something else")
-    assert later_parts(files[0]) == files[1:]
+    own = write_log(tmp_path / "run.2025.mcap", make_rows(10), make_header())[0]  # a log of that year
+    assert later_parts(files[0]) == [*files[1:], own]
     for gone in files[:3]:
         gone.unlink()
     if end == "removed":
@@ -114,7 +115,7 @@ def test_no_part_of_an_old_log_stays_although_earlier_ones_have_gone(tmp_path: P
         write_log(files[0], make_rows(10), make_header())
         assert read_log(files[0]).rows.size == 10
     assert not any(part.exists() for part in files[1:])
-    assert all(other.exists() for other in others)
+    assert all(other.exists() for other in (*others, own))
 
 
 def test_each_part_of_a_log_tells_the_law_in_force(tmp_path: Path) -> None:
@@ -130,6 +131,10 @@ def test_each_part_of_a_log_tells_the_law_in_force(tmp_path: Path) -> None:
     parts = writer.parts
     assert read_log(parts[0]).laws == (law, other)
     assert [read_log(part).laws[0].law for part in (parts[0], parts[1], parts[-1])] == ["pd", "pd", "qrobot"]
+    windows = LogWindows(parts[0])
+    while windows.read_on():
+        pass
+    assert windows.log.laws == (law, other)
     for part in parts[:-1]:
         part.unlink()
     assert read_log(parts[-1]).laws == (other,)

@@ -606,34 +606,35 @@ def test_a_stop_is_read_while_a_line_about_the_request_before_cannot_be_written(
         other.resume()
 
 
-def test_whoever_asks_for_more_than_is_answered_at_once_keeps_the_command_from_nobody(servo: Bench) -> None:
-    line = b'{"command": "clear"}\n'
+@contextlib.contextmanager
+def asking_all_at_once(servo: Bench) -> Iterator[socket.socket]:
+    """A connection that waits for as many answers as there are at once, until the block ends."""
     with socket.socket(socket.AF_UNIX) as raw, hanging() as (began, freed), pytest.MonkeyPatch.context() as patch:
         for told in ("_told", "_told_fences"):
             patch.setattr(Controls, told, lambda _self, hang=Controls._obey: hang())
         connect_to_servo(servo.arm, raw)
         raw.sendall(b'{"command": "status"}\n' * MAX_WAITING)
         assert began.wait(PATIENCE_S)
+        yield raw
+        freed.set()
+
+
+def test_whoever_asks_for_more_than_is_answered_at_once_keeps_the_command_from_nobody(servo: Bench) -> None:
+    line = b'{"command": "clear"}\n'
+    with asking_all_at_once(servo) as raw:
         raw.sendall(line)
         raw.settimeout(PATIENCE_S)
         with contextlib.suppress(ConnectionResetError):
             assert raw.recv(100) == b""  # hung up on
-        freed.set()
     with ServoClient(servo.arm) as other:
         wait_until(lambda: _accepted(other.clear), "the command is free")
 
 
 def test_a_stop_behind_more_than_is_answered_at_once_is_done(servo: Bench) -> None:
     stops = int(servo.mailbox.memory.command.stops)
-    with socket.socket(socket.AF_UNIX) as raw, hanging() as (began, freed), pytest.MonkeyPatch.context() as patch:
-        for told in ("_told", "_told_fences"):
-            patch.setattr(Controls, told, lambda _self, hang=Controls._obey: hang())
-        connect_to_servo(servo.arm, raw)
-        raw.sendall(b'{"command": "status"}\n' * MAX_WAITING)
-        assert began.wait(PATIENCE_S)
+    with asking_all_at_once(servo) as raw:
         raw.sendall(b'{"command": "status"}\n{"command": "clear"}\n{"command": "stop"}\n')
         wait_until(lambda: int(servo.mailbox.memory.command.stops) > stops, "it is stopped")
-        freed.set()
 
 
 def test_without_a_thread_for_the_reply_the_visitor_is_sent_away_and_the_next_one_served(servo: Bench) -> None:
