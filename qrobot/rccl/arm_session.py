@@ -18,6 +18,7 @@ from qrobot.rci import Link
 from qrobot.rci.arm_settings import ArmSettings
 from qrobot.rci.bad_end import at_bad_end, interpreter_ends_well, stop_each, stopping
 from qrobot.rci.forked_child import keep_from_children
+from qrobot.rci.interruption import told_later
 from qrobot.rci.listening import heard, heard_on_leaving, is_listening
 from qrobot.rci.sample_drivers import driver_for, refuse_at_samples
 from qrobot.rci.sampled_task import SampleDriver
@@ -203,7 +204,7 @@ class ArmSession:
         """The lock under which a program touches the task. Raises what ended the hold, LinkError after `release`."""
         if self._driver.error is not None:
             self._error_told = True
-            raise self._driver.error
+            raise told_later(self._driver.error)
         if self.released:
             raise LinkError(f"{self._name} was released; call control() first")
         return self._driver.lock()

@@ -9,6 +9,7 @@ from contextlib import contextmanager
 from types import FrameType
 from typing import Any, TypeAlias
 
+from qrobot.errors import LinkLost
 from qrobot.realtime.interrupt import interrupt_heard
 
 _Handler: TypeAlias = Callable[[int, FrameType | None], Any]
@@ -23,8 +24,7 @@ class WholeSamples:
     """
 
     def __init__(self) -> None:
-        self._handler: _Handler | None = None  # that was there before, while one waits
-        self._before: _Handler | None = None  # the same, also behind it
+        self._before: _Handler | None = None  # that was there before one waited
         self._inside = self._came = False
 
     @contextmanager
@@ -32,16 +32,16 @@ class WholeSamples:
         """Block in which samples pass."""
         handler = signal.getsignal(signal.SIGINT)
         mine = threading.current_thread() is threading.main_thread()
-        if self._handler is not None or not callable(handler) or not mine:
+        if handler == self._hear or not callable(handler) or not mine:
             yield
             return
-        self._handler = self._before = handler
-        signal.signal(signal.SIGINT, self._hear)
+        self._before = handler
+        self._inside = self._came = False  # a second Ctrl-C may have left them, at whatever line it came
         try:
+            signal.signal(signal.SIGINT, self._hear)
             yield
         finally:
             signal.signal(signal.SIGINT, handler)
-            self._handler = None
 
     @contextmanager
     def one(self) -> Iterator[None]:
@@ -49,8 +49,8 @@ class WholeSamples:
         if self._inside:
             yield
             return
-        self._inside = True
         try:
+            self._inside = True
             yield
         finally:
             self._end()
@@ -80,5 +80,13 @@ class WholeSamples:
         self._obey(number, frame)
 
     def _obey(self, number: int, frame: FrameType | None) -> None:
-        if (handler := self._handler or self._before) is not None:
-            handler(number, frame)
+        if self._before is not None:
+            self._before(number, frame)
+
+
+def told_later(error: BaseException) -> BaseException:
+    """Error of a program that asks again for what `error` has ended. Ctrl-C was told at once; nobody has hit it again,
+    and whoever answers it by a stop would answer for ever."""
+    if isinstance(error, KeyboardInterrupt):
+        return LinkLost("Ctrl-C in the midst of a sample has let go of the arm: nothing can happen any more")
+    return error

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from typing import Final
 
 from qrobot.errors import LinkLost, MotionError
+from qrobot.rci.interruption import told_later
 from qrobot.rci.program_time import NO_WAIT, Rank, Turn, program_time
 from qrobot.units import NS_PER_S
 
@@ -70,7 +71,7 @@ class RobotSamples:
 
     def _await_sample(self) -> None:
         if self.error is not None:
-            raise self.error
+            raise told_later(self.error)
         if self.next_ns is None:
             raise LinkLost(RELEASED)
         before = self.count

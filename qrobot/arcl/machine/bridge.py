@@ -26,6 +26,7 @@ from qrobot.motion import MotionLimits
 from qrobot.rci.arm_settings import ArmSettings
 from qrobot.rci.descriptor import HOST, NO_BIT, TaskDescriptor, local_area
 from qrobot.rci.environment import environment
+from qrobot.rci.interruption import told_later
 from qrobot.rci.link import Link, LinkFactory, check_welcome, hello_for, sample_period_us
 from qrobot.rci.listening import heard, heard_on_leaving
 from qrobot.rci.robot_cycle import SERVO_AWAY, CycleHooks, CyclePhase, RobotCycle, may_go_back
@@ -151,7 +152,7 @@ class BridgeMachine:
     def lock(self) -> AbstractContextManager[object]:
         """See `RobotMachine.lock`."""
         if self.error is not None:
-            raise self.error
+            raise told_later(self.error)
         return self._held.lock()
 
     def wait(self, predicate: Callable[[], bool]) -> None:

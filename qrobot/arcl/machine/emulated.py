@@ -24,6 +24,7 @@ from qrobot.arrays import Floats
 from qrobot.errors import MotionError
 from qrobot.model.payload_judge import PayloadJudge
 from qrobot.motion import MotionLimits
+from qrobot.rci.interruption import told_later
 from qrobot.rci.link import LinkFactory
 from qrobot.rci.robot_samples import RobotSamples
 from qrobot.units import MM_PER_M
@@ -108,7 +109,7 @@ class EmulatedMachine:
     def lock(self) -> AbstractContextManager[object]:
         """See `RobotMachine.lock`: nobody else is there."""
         if self.error is not None:
-            raise self.error
+            raise told_later(self.error)
         return nullcontext()
 
     @property

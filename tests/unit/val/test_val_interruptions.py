@@ -7,19 +7,24 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from inspect import getfile
+from itertools import count
 from pathlib import Path
 from types import FrameType
 from typing import Any
 
 import pytest
 
+from qrobot.errors import LinkError
+from qrobot.rccl.offline import OfflineLink
 from qrobot.rci.interruption import WholeSamples
 from qrobot.val.interpreter import Interpreter, RunState
 from qrobot.val.monitor import ValMonitor
+from qrobot.wire import Command, State
+from tests.support.thorough import examples
 from tests.support.val_runs import PLACES, interpreter, interrupt_at, main_program, number
 
 OF_THE_INTERPRETER = str(Path(getfile(Interpreter)).parent), getfile(WholeSamples)
-MEETINGS = 150  # lines that are tried
+MEETINGS = examples(150)  # lines that are tried
 COUNTING = (
     "RUNSIG 3",
     "FOR i = 1 TO 3",
@@ -161,6 +166,24 @@ def test_a_second_ctrl_c_does_not_wait_for_a_step_that_hangs() -> None:
             run.execute("main")
         assert heard == ["the first one is held back"]
         assert run.state is RunState.PAUSED
+
+
+def test_two_at_one_sample_let_go_of_the_arm_which_the_next_command_tells(monkeypatch: pytest.MonkeyPatch) -> None:
+    exchange, samples = OfflineLink.exchange, count(1)
+
+    def hit(link: OfflineLink, command: Command | None) -> State:
+        if next(samples) == 5:
+            signal.raise_signal(signal.SIGINT)
+            signal.raise_signal(signal.SIGINT)
+        return exchange(link, command)
+
+    with interpreter(main_program("MOVE a", rest=PLACES)) as (run, _):
+        monkeypatch.setattr(OfflineLink, "exchange", hit)
+        with pytest.raises(KeyboardInterrupt):
+            run.execute("main")
+        for _ in range(2):
+            with pytest.raises(LinkError, match="Ctrl-C in the midst of a sample has let go of the arm"):
+                run.execute("main")
 
 
 def test_an_error_in_the_turn_of_a_ctrl_c_is_told_and_can_be_retried() -> None:

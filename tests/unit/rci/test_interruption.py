@@ -1,0 +1,91 @@
+"""Ctrl-C where samples have to stay whole, at whatever line of the guard itself it comes."""
+
+from __future__ import annotations
+
+import signal
+import sys
+from inspect import getfile
+from types import FrameType
+from typing import Any
+
+import pytest
+
+from qrobot.rci.interruption import WholeSamples
+
+OF_THE_GUARD = getfile(WholeSamples)
+
+
+@pytest.fixture(autouse=True)
+def _own_handler() -> Any:
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+def wait_for_three_samples(guard: WholeSamples) -> None:
+    with guard.waiting():
+        for _ in range(3):
+            with guard.one(), guard.opened():
+                pass
+
+
+def one_sample(guard: WholeSamples, done: list[str]) -> None:
+    with guard.one():
+        signal.raise_signal(signal.SIGINT)
+        done.append("the sample is whole")
+
+
+def interrupted_at(event: int, guard: WholeSamples) -> bool:
+    """Hit Ctrl-C before the line of the guard of this number is done; whether there are so many."""
+    seen = 0
+
+    def look(frame: FrameType, what: str, _argument: Any) -> Any:
+        nonlocal seen
+        if frame.f_code.co_filename != OF_THE_GUARD:
+            return None
+        if what == "line":
+            seen += 1
+            if seen == event:
+                signal.raise_signal(signal.SIGINT)
+        return look
+
+    before = sys.gettrace()
+    sys.settrace(look)
+    try:
+        wait_for_three_samples(guard)
+    except KeyboardInterrupt:
+        pass
+    finally:
+        sys.settrace(before)
+    return seen >= event
+
+
+def test_ctrl_c_at_any_line_of_the_guard_leaves_it_whole_for_the_next_wait() -> None:
+    event = 1
+    while interrupted_at(event, guard := WholeSamples()):
+        done: list[str] = []
+        with guard.waiting():
+            with pytest.raises(KeyboardInterrupt):
+                one_sample(guard, done)
+            assert done == ["the sample is whole"], event
+            with guard.one():
+                pass  # it is told once
+        event += 1
+    assert event > 40
+
+
+def test_one_guard_within_another_tells_it_once_and_behind_both() -> None:
+    outer, done = WholeSamples(), []
+
+    def samples() -> None:
+        inner = WholeSamples()
+        with outer.one():
+            with inner.waiting():
+                one_sample(inner, done)
+            done.append("the turn is whole")
+        done.append("beyond")
+
+    with outer.waiting(), pytest.raises(KeyboardInterrupt):
+        samples()
+    assert done == ["the sample is whole", "the turn is whole"]
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
