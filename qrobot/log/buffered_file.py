@@ -11,6 +11,7 @@ import os
 from pathlib import Path
 
 from qrobot.errors import LogError, error_text
+from qrobot.realtime.file_lock import lock_alone
 
 
 class BufferedFile:
@@ -26,6 +27,7 @@ class BufferedFile:
             self._fd = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC, 0o644)
         except OSError as error:
             raise LogError(f"cannot write the log {path}: {error.strerror}") from None
+        lock_alone(self._fd)  # tells `room` that it is written
         self.path = path
         self._pending = bytearray()
         self._position = 0

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Final, TypeAlias
 
 from qrobot.log.topics import STAMP
+from qrobot.realtime.file_lock import lock_alone
 from qrobot.report import Report
 
 GIGABYTE: Final = 1_000_000_000
@@ -23,7 +24,8 @@ class LogRoom:
     """Keeps the logs that a recorder writes of one arm within a size, by removing the oldest of their files.
 
     Only files that are named as a recorder names them are looked at, in the folder of the newest, and those that have
-    begun here under another name, which a user gave. Those of incidents are in another folder, and stay.
+    begun here under another name, which a user gave. Those of incidents are in another folder, and stay; so does one
+    that another recorder of the arm is writing.
 
     Attributes:
         arm: instance name.
@@ -69,9 +71,10 @@ class LogRoom:
         for path, size in sizes.items():
             if excess <= 0:
                 break
-            path.unlink(missing_ok=True)
-            excess -= size
-            removed.append(path.name)
+            if not is_written(path):
+                path.unlink(missing_ok=True)
+                excess -= size
+                removed.append(path.name)
         return ", ".join(removed)
 
     def _oldest_first(self, newest: Path) -> list[Path]:
@@ -86,3 +89,12 @@ class LogRoom:
             return self._named.get(path)
         stamp, copy, part = match.groups()
         return stamp, int(copy or 1), int(part or 1)
+
+
+def is_written(path: Path) -> bool:
+    """Whether somebody writes a log to this file; False where its file system knows no locks."""
+    try:
+        with path.open("rb") as file:
+            return not lock_alone(file)
+    except FileNotFoundError:
+        return False

@@ -161,3 +161,19 @@ def test_a_log_that_a_user_has_given_a_number_is_no_part_of_another_one(tmp_path
         writer.close()
     assert (read_log(first).rows.size, read_log(second).rows.size) == (10, 20)
     assert part_path(first, 2).name == "run.2025.0002.mcap"
+
+
+def test_a_log_that_another_recorder_is_writing_stays_until_that_has_ended(tmp_path: Path) -> None:
+    said: list[str] = []
+    written = tmp_path / "left-20261101T000000Z.mcap"
+    other = LogWriter(written, make_header())
+    later = [sized(tmp_path, f"left-2026110{day}T000000Z.mcap", 900_000) for day in (2, 3)]
+    newest = sized(tmp_path, "left-20261104T000000Z.mcap")
+    room(said).make(newest)
+    assert names(tmp_path) == [written.name, later[1].name, newest.name]
+    other.append(make_rows(10))
+    other.close()
+    assert read_log(written).rows.size == 10
+    sized(tmp_path, "left-20261105T000000Z.mcap", 900_000)
+    room(said).make(newest)
+    assert written.name not in names(tmp_path)
