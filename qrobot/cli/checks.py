@@ -27,6 +27,8 @@ from qrobot.realtime.shared_memory import is_owned
 
 LIBRARIES: Final = ("numpy", "numba", "llvmlite", "pydantic", "foxglove-sdk", "mcap")
 SEGMENT_BYTES: Final = 64 << 20  # servo memory with its telemetry ring, board memory, and room for a second arm
+NAMED: Final = 3  # of many that were left behind: the answer is below them
+LEFT_BEHIND: Final = "left behind by a process that was killed (the next one reuses it)"
 OLDEST_PYTHON: Final = (3, 11)
 
 
@@ -153,11 +155,16 @@ def look_at_room(directory: Path) -> SetupStep:
 
 
 def look_at_segments(directory: Path) -> Iterator[SetupStep]:
-    """Segments of this program: in use, or left by a process that was killed."""
-    for path in sorted(filter(_is_segment, directory.iterdir())):
-        living = _is_locked(path)
-        detail = "in use" if living else "left behind by a process that was killed (the next one reuses it)"
-        yield SetupStep(path.name, living, detail, "" if living else f"rm {path}, or leave it")
+    """Segments of this program: in use, or left by processes that were killed, of which a few are named."""
+    paths = sorted(filter(_is_segment, directory.iterdir()))
+    living = list(filter(_is_locked, paths))
+    for path in living:
+        yield SetupStep(path.name, True, "in use")
+    dead = [path for path in paths if path not in living]
+    for path in dead[:NAMED]:
+        yield SetupStep(path.name, False, LEFT_BEHIND, f"rm {path}, or leave it")
+    if more := dead[NAMED:]:
+        yield SetupStep(f"{len(more)} more", False, LEFT_BEHIND, f"look with ls {directory}, or leave them")
 
 
 def running_servos(directory: Path) -> list[str]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import errno
 import json
 import os
 import shutil
@@ -30,6 +31,7 @@ PROGRAM: Final = "qrobot"
 SUCCESS: Final = 0
 FAILURE: Final = 1  # what was asked could not be done
 USAGE: Final = 2  # it was not asked properly
+NOT_WRITTEN: Final = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 PIPE_COLUMNS: Final = 10_000  # what is not shown on a terminal is cut nowhere
 
@@ -158,9 +160,11 @@ def run_app(app: App, tokens: Sequence[str], prepare: Callable[[], object] = lam
         _let_be_lost(sys.stdout)
         return SUCCESS
     except OSError as error:
-        if error.filename is None:
+        if error.filename is None and error.errno not in NOT_WRITTEN:
             raise
-        complain(f"{error.filename}: {error.strerror}")  # a file or folder of the user's, or the disk behind it
+        _forget_unwritten()
+        # A file or folder of the user's, or the disk behind it; without a name, where its output goes most of all.
+        complain(f"{error.filename or 'what it writes is not taken'}: {error.strerror}")
         return FAILURE
     return result if isinstance(result, int) else SUCCESS
 

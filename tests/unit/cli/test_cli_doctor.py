@@ -181,6 +181,16 @@ def test_a_segment_is_in_use_or_left_behind(tmp_path: Path) -> None:
     assert found == {"a-servo": False, "b-servo": True}
 
 
+def test_of_many_segments_that_were_left_behind_a_few_are_named_below_those_in_use(tmp_path: Path) -> None:
+    for number in range(12):
+        (tmp_path / f"arm{number:02}-board").touch()
+    with (tmp_path / "z-servo").open("w") as owner:
+        assert own(owner.fileno())
+        steps = list(checks.look_at_segments(tmp_path))
+    assert [step.name for step in steps] == ["z-servo", "arm00-board", "arm01-board", "arm02-board", "9 more"]
+    assert [step.ok for step in steps] == [True, *[False] * 4]
+
+
 def test_a_missing_library_is_named_with_its_remedy() -> None:
     step = checks.look_at_library("surely-not-installed", "pip install it")
     assert (step.ok, step.remedy) == (False, "pip install it")

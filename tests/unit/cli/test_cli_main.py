@@ -238,6 +238,13 @@ def test_a_reader_that_has_had_enough_is_no_error(say: str) -> None:
     assert (found.returncode, found.stdout, found.stderr) == (0, "0\n", "")
 
 
+def test_a_disk_that_takes_no_more_of_the_output_is_one_line() -> None:
+    command = [sys.executable, "-m", "qrobot", "robot", "list"]
+    with Path("/dev/full").open("w") as full:
+        found = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True, check=False)
+    assert (found.returncode, found.stderr) == (1, "qrobot: what it writes is not taken: No space left on device\n")
+
+
 def test_nor_does_one_of_messages_take_results_along() -> None:
     code = (
         "import sys; from qrobot.cli.console import note, run_app, write_json\n"
