@@ -46,8 +46,12 @@ kernels: $(VENV)/dev.stamp
 	@$(BIN)/python -m tests.support.kernels
 
 # Pytest rewrites the assertions of each test file once: five processes that start together would each do it.
-rewritten: $(VENV)/dev.stamp
-	@$(BIN)/python -m pytest --collect-only -qq > $(VENV)/$@.txt 2>&1 || { cat $(VENV)/$@.txt; exit 1; }
+rewritten: .pytest_cache/rewritten.stamp
+
+.pytest_cache/rewritten.stamp: $(VENV)/dev.stamp $(shell find tests -name '*.py')
+	@mkdir -p $(@D)
+	@$(BIN)/python -m pytest --collect-only -qq > $(VENV)/rewritten.txt 2>&1 || { cat $(VENV)/rewritten.txt; exit 1; }
+	@touch $@
 
 # Tests on virtual time share out the processors, file by file and in order: the longest files are not the last. Those on
 # the wall clock wait more than they compute: they run beside the others, in two rows, of which one is all on one arm, and

@@ -272,7 +272,7 @@ def assert_all_stop_at_one_sample(
     assert all(not np.ptp(list(own.values())[-2:], axis=0).any() for own in sent.values())  # and come to rest
 
 
-@pytest.mark.sampled(8)
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("error", [ValueError(), KeyboardInterrupt(), SystemExit(1)], ids=lambda e: type(e).__name__)
 @pytest.mark.parametrize("program", PROGRAMS)
 def test_all_arms_of_a_program_that_ends_badly_begin_to_stop_at_one_sample(
@@ -314,6 +314,7 @@ def test_a_channel_and_a_task_begin_to_stop_at_one_sample_when_plain_python_ends
     assert_all_stop_at_one_sample(ways.sent, expected)
 
 
+@pytest.mark.sampled(14)
 @pytest.mark.parametrize("nth", [1, 2, 3])
 @pytest.mark.parametrize("program", [*PROGRAMS, by_manipulators_in_c])
 def test_ctrl_c_while_all_are_told_to_stop_keeps_none_from_its_rest_and_its_goodbye(

@@ -109,6 +109,7 @@ def test_two_hands_wait_with_what_they_carry_for_the_one_that_was_stopped_and_ca
     assert first.size == 0 or (first <= SLOW).all()
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("first", NAMES)
 @pytest.mark.parametrize("way", ["stop", "fault"])
 def test_two_hands_that_were_both_stopped_go_back_one_after_the_other_and_carry_on(

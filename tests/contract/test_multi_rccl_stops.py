@@ -117,6 +117,7 @@ def elsewhere_by_now(manip: Manip, position: Position) -> None:
     assigntr(position.equation.right[0], gentr_rpy("B", 460, -40, 60, 0, 180, 0))
 
 
+@pytest.mark.sampled(6)
 @pytest.mark.parametrize(
     ("way", "exact"),
     [

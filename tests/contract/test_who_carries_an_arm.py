@@ -321,7 +321,7 @@ def off(cell: Cell, holder: int, since: int, until: int) -> float:
     return float(np.abs(np.array(held) - held[0]).max())
 
 
-@pytest.mark.sampled(5)
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("end", ENDS)
 @pytest.mark.parametrize("carried", [*WITH_THE_OBJECT, *WITH_AN_ARM])
 def test_what_holds_something_with_others_stays_with_it_until_that_rests(carried: Carried, end: End) -> None:
@@ -335,7 +335,7 @@ def test_what_holds_something_with_others_stays_with_it_until_that_rests(carried
     assert not np.ptp(cell.sent["right"][-2:], axis=0).any()
 
 
-@pytest.mark.sampled(8)
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("order", ORDERS, ids=" ".join)
 @pytest.mark.parametrize("end", ENDS)
 @pytest.mark.parametrize("carried", BY_NOTHING_THAT_RESTS)
@@ -348,6 +348,7 @@ def test_what_nothing_that_rests_carries_comes_to_rest_by_a_stop_of_its_own(
     assert standing_from(path) < AT_ONCE
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("order", ORDERS, ids=" ".join)
 @pytest.mark.parametrize("carried", [by_a_sensor, by_a_variable, by_forces, by_each_other])
 def test_what_nothing_that_rests_carries_begins_to_stop_with_the_others(

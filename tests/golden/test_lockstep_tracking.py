@@ -103,6 +103,7 @@ def test_the_experiment_is_the_papers() -> None:
     np.testing.assert_allclose(path[-1], ROBOT.poses["park"], atol=1e-12)
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("rate_hz", [1000.0, 2000.0, 4000.0])
 @pytest.mark.parametrize(("plant", "major_mrad", "minor_mrad"), [("nominal", 5.0, 2.0), ("mismatched", 10.0, 4.0)])
 def test_the_qrobot_law_tracks_within_the_bounds(

@@ -20,7 +20,7 @@ ROUNDING = 1e-9
 SHARE = st.floats(-1.0, 1.0)
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("batch", range(BATCHES))
 def test_motions_to_moving_goals_keep_the_limits_however_they_end(batch) -> None:
     """Differences of the setpoints, at sample periods of 1, 7 and 28 ms, whatever is done to the motion."""
@@ -30,6 +30,7 @@ def test_motions_to_moving_goals_keep_the_limits_however_they_end(batch) -> None
         assert run.acceleration <= 1.0 + ROUNDING, seed
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("seeds", [range(2000, 2015), range(2015, 2030), (2074, 2111)])
 def test_no_program_that_moves_to_goals_at_rest_is_ended_by_the_watch(seeds) -> None:
     """What was planned, up to the joints' own speed, is never too fast when its setpoints are looked at.

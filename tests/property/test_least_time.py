@@ -46,6 +46,7 @@ def ratios(size: float, period_s: float) -> tuple[np.ndarray, np.ndarray]:
     return own, any_
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize(("size", "trapezoid"), [(1.0, 1.16), (0.3, 1.45), (0.1, 1.95), (0.05, 2.10)])
 @pytest.mark.parametrize("period_s", [0.007, PERIOD_S])
 def test_a_motion_at_full_speed_lasts_little_longer_than_the_least_time(size, trapezoid, period_s) -> None:

@@ -68,7 +68,7 @@ def play(rig: LockstepRig, rows: Floats, period_ms: int, look_ms: int = 1) -> En
     return End(Mode(rig.state.mode), FaultCode(int(events[np.argmax(events != FaultCode.NONE)])), largest)
 
 
-@pytest.mark.sampled(16)
+@pytest.mark.sampled(8)
 @pytest.mark.parametrize("seed", range(8))
 @pytest.mark.parametrize("share", [0.5, 0.9])
 @pytest.mark.parametrize("period_ms", [7, 28])

@@ -93,6 +93,7 @@ def test_nor_does_one_of_a_faster_motion(lost: int) -> None:
     assert highest(rig, "v_ref") < 0.9  # the motion itself has 0.75
 
 
+@pytest.mark.sampled(15)
 @pytest.mark.parametrize("joint", range(N))
 @pytest.mark.parametrize("lost", [3, 4, 5, 6, None])
 def test_nor_does_one_of_a_turn_at_nearly_all_an_arm_can_do_within_a_frame(joint: int, lost: int | None) -> None:

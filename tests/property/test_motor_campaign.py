@@ -33,6 +33,7 @@ def incident_of(leg: FastLeg) -> Incident:
 # ----------------------------------------------------------------------------------------------------- from standstill
 
 
+@pytest.mark.sampled(12)
 @RATES
 @pytest.mark.parametrize("line", [f"dac:{joint} full {sign}" for joint in range(1, N + 1) for sign in (1, -1)])
 def test_a_motor_at_full_torque_is_cut_within_50_ms_and_3_degrees(line: str, rate_hz: float) -> None:
@@ -219,6 +220,7 @@ def assert_no_fault(rig: LockstepRig) -> None:
     assert read_incident(rig.state.watch.incident) is None
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     ("rate_hz", "law", "velocity", "draw"),
     [
@@ -234,6 +236,7 @@ def test_a_wrong_model_and_an_unknown_load_at_full_speed_are_no_fault(
     assert_no_fault(fly_a_stranger(rate_hz, law, velocity, draw, random_path(draw, 60.0)))
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("draw", [2, 4, 8, 13])
 def test_nor_are_they_on_short_ways_whose_transitions_the_program_leaves_open(draw: int) -> None:
     """Half transitions of 0.15 s to full speed, not 0.2 s, were VEL_LIMIT in these; of 0.9 a_max RUNAWAY as well."""

@@ -45,6 +45,7 @@ def run_skipped(gen: Generator, at: int, overrides: dict[int, float]) -> list[tu
     raise AssertionError(f"still busy: {codes}")
 
 
+@pytest.mark.sampled(32)
 @pytest.mark.parametrize("first", KINDS)
 @pytest.mark.parametrize("behind", KINDS)
 @pytest.mark.parametrize("factor", [0.0, 0.05, 0.5, 1.0])
@@ -75,6 +76,7 @@ def test_a_skip_on_the_way_to_what_cannot_be_met_in_motion_is_a_stop_on_the_way(
     assert way[-1] == pytest.approx(-0.1, abs=1e-6)
 
 
+@pytest.mark.sampled(20)
 @pytest.mark.parametrize("seed", range(40))
 def test_no_motion_outlives_its_skip_at_any_instant_of_any_change_of_speed(seed: int) -> None:
     random, gen = Random(seed), puma_generator()

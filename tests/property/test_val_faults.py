@@ -52,7 +52,7 @@ OFF_MM = 25.0  # an arm that stops before a corner does not go round it
 STEP_RAD = 0.15  # of a joint in one sample
 
 
-@pytest.mark.sampled(4)
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("file", FILES, ids=lambda file: file.stem)
 def test_a_mistake_stops_the_arm_on_its_path_and_the_program_goes_on(file) -> None:
     draw = random.Random(f"116 {file.stem}")

@@ -1,14 +1,10 @@
-"""Compile what nearly every test calls, and the tests, beside linting: workers would wait for it, or all do it."""
+"""Compile what nearly every test calls, beside linting: workers would wait for it, or all do it."""
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
-from contextlib import redirect_stdout
 from typing import Final
-
-import pytest
 
 from qrobot import rccl
 from qrobot.config import load_robot
@@ -72,13 +68,7 @@ def motion() -> None:
         arm.release()
 
 
-def tests() -> None:
-    """Every test: pytest rewrites its assertions, and Python keeps what comes of it, where it may."""
-    with open(os.devnull, "w") as nowhere, redirect_stdout(nowhere):
-        pytest.main(["--collect-only", "-q"])
-
-
-PARTS: Final[tuple[Callable[[], None], ...]] = servo, ahead, processes, laws, motion, board, tests, both
+PARTS: Final[tuple[Callable[[], None], ...]] = servo, ahead, processes, laws, motion, board, both
 
 if __name__ == "__main__":
     with ProcessPoolExecutor(2) as pool:

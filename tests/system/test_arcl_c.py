@@ -52,6 +52,7 @@ CPP11, CPP20 = (pytest.param(f"c++ -std={each}", marks=needs_cpp_compiler) for e
 SAME = 1e-12  # rad; numbers of C are double too, and millimetres there and back are an ulp
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("name", STREAMS)
 def test_a_program_in_c_gives_the_stream_and_the_traces_of_its_twin_sample_by_sample(
     name: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]
@@ -226,6 +227,7 @@ def wrong(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return compiled(folder / "wrong.c", folder, *CHECKED)
 
 
+@pytest.mark.sampled(14)
 @pytest.mark.parametrize("mistake", TOLD)
 def test_wrong_input_ends_the_program_with_what_is_wrong(mistake: str, wrong: Path, tmp_path: Path, capfd) -> None:
     assert run_c(wrong, tmp_path, mistake) == (7 if mistake == "u" else 1)
@@ -307,6 +309,7 @@ def test_a_program_that_asks_for_an_output_which_its_deployment_file_does_not_ha
     assert "new_iod: output 5 of puma560 is not configured; the deployment file has none" in told
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("standard", ["cc -std=gnu89", "cc -std=c99", "cc -std=gnu17", CPP11, CPP20])
 def test_the_papers_program_compiles_without_a_warning(standard: str, tmp_path: Path) -> None:
     language = ["-x", "c++"] if "c++" in standard else []

@@ -91,6 +91,7 @@ def test_functions_of_two_arms_in_python_tell_each_other_something() -> None:
     assert said_on_two_arms("-c", IN_PYTHON.format(told="arms[1 - i].override(50.0)")) == "both moved\n"
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("call", ["arcl_wait", "arcl_close"])
 def test_a_function_of_one_arm_cannot_wait_for_another_one(call: str) -> None:
     """The samples of its own arm would wait with it."""

@@ -120,6 +120,7 @@ def test_a_second_board_for_the_same_arm_is_refused(arm: str) -> None:
         EmulatedBoardServer(arm, emulator)
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
 def test_a_signal_ends_the_process_and_removes_its_memory(arm: str, number: signal.Signals) -> None:
     board = start_board(arm)

@@ -358,6 +358,7 @@ print("ended", flush=True)
 """
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.realtime
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGHUP])
 def test_the_process_ends_cleanly_on_a_signal(number: int) -> None:

@@ -79,6 +79,7 @@ def test_in_c_the_crank_is_turned_on_the_way_of_its_twin_to_rounding_and_in_cont
     assert np.abs(angles - 4 * 360.0).max() < 2.0
 
 
+@pytest.mark.thorough
 def test_the_crank_is_turned_by_a_manipulator_too_after_small_edits_s06(tmp_path: Path, capfd) -> None:
     source = tmp_path / "edited.c"
     source.write_text(edited_for_manipulators(one_turn(tmp_path)))

@@ -151,6 +151,7 @@ def test_a_motion_that_is_dropped_before_it_begins_can_be_waited_for(drop, event
     assert capfd.readouterr().out == ("-2" if drop.startswith("stop") else "9")
 
 
+@pytest.mark.sampled(8)
 @pytest.mark.parametrize(
     ("call", "needed"),
     [

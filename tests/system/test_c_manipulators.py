@@ -159,7 +159,7 @@ EDITED = [
 ]  # fmt: skip
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("name", EDITED)
 def test_a_program_of_one_arm_runs_with_small_edits_and_sends_the_same_setpoints(
     name: str, tmp_path: Path, capfd
@@ -347,6 +347,7 @@ def mistaken(own_cache: None, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return compiled_text(text, tmp_path_factory.mktemp("c"))
 
 
+@pytest.mark.sampled(14)
 @pytest.mark.parametrize("mistake", MISTAKES)
 def test_a_mistake_is_told_in_a_line_and_ends_the_program(mistaken: Path, mistake: str, capfd) -> None:
     status, _ = run(mistaken, str(list(MISTAKES).index(mistake)))
@@ -384,6 +385,7 @@ def test_a_program_ends_with_its_motions_done_and_its_arms_let_go_of(tmp_path: P
     assert right.requests == []
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("end", ["exit(3);", "terminate = 1; rccl_manip_sample();", "move(left, 0);", "abort();"])
 def test_a_program_that_ends_badly_has_all_its_arms_stopped_at_one_sample(end: str, tmp_path: Path, capfd) -> None:
     text = f"""

@@ -54,6 +54,7 @@ TWINS = {
 ROUNDING = 2e-6  # rad: fields of C programs are single precision, a part in 1e7 of some hundred millimetres or degrees
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("name", TWINS)
 def test_under_sanitizers_a_program_sends_the_setpoints_of_its_twin(
     name: str, tmp_path: Path, capfd, monkeypatch
@@ -147,6 +148,7 @@ def test_two_sources_with_common_variables_and_old_definitions_are_one_program(t
     assert capfd.readouterr().out == "5\n"
 
 
+@pytest.mark.thorough
 def test_a_cell_written_from_the_documentation_alone_finds_its_plate_and_fits_its_parts_s09(
     tmp_path: Path, capfd, monkeypatch
 ) -> None:

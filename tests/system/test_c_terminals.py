@@ -58,10 +58,11 @@ PRINTING = """
     #include <sched.h>
     #include <unistd.h>
     volatile int printing;
-    void *kills(void *unused) { while (!printing) sched_yield(); kill(getpid(), SIGTERM); return unused; }
+    void *kills(void *unused) { while (!printing) usleep(500); kill(getpid(), SIGTERM); return unused; }
 """
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("kind", ["terminal", "pipe"])
 @pytest.mark.parametrize(
     ("before", "last", "status", "said"),

@@ -23,19 +23,19 @@ pytestmark = [needs_compiler, pytest.mark.usefixtures("own_cache")]
 MOTION_MS = 400_000  # longer than any stall, though virtual time passes as fast as it can
 THREAD = """
     #include <pthread.h>
-    #include <sched.h>
+    #include <unistd.h>
     #include <stdlib.h>
     volatile int moving, asking;
     void *other(void *unused)
     {
         while (!moving)
-            sched_yield();
+            usleep(500);
         asking = 1;
         %s
         return unused;
     }
 """
-MOVING_ON = "moving = 1; while (!asking) sched_yield();"
+MOVING_ON = "moving = 1; while (!asking) usleep(500);"
 RCCL = f"""
     main()
     {{
@@ -45,7 +45,7 @@ RCCL = f"""
         p = jposition("P", 40., -90., 180., 0., 0., 0.);
         setime(100., {MOTION_MS}.);
         move(p);
-        waitas(p->scal > .3)
+        waitas(p->scal > .2)
         {MOVING_ON}
         waitfor(completed)
         pthread_join(thread, NULL);
@@ -222,12 +222,12 @@ def test_a_handler_of_exit_that_calls_where_no_engine_could_be_started_ends_soon
 def test_a_thread_that_is_cancelled_in_a_call_leaves_its_turn_to_the_others(run: Run, robot) -> None:
     text = f"""
     #include <pthread.h>
-    #include <sched.h>
+    #include <unistd.h>
     volatile int moving;
     POS_PTR p;
     void *waits(void *unused)
     {{
-        waitas(p->scal > .3)
+        waitas(p->scal > .2)
         moving = 1;
         waitfor(completed)
         return unused;
@@ -241,7 +241,7 @@ def test_a_thread_that_is_cancelled_in_a_call_leaves_its_turn_to_the_others(run:
         move(p);
         pthread_create(&thread, NULL, waits, NULL);
         while (!moving)
-            sched_yield();
+            usleep(500);
         pthread_cancel(thread);
         pthread_join(thread, &left);
         stop(0.);

@@ -52,6 +52,7 @@ def test_valgrind_finds_nothing_whoever_has_compiled_a_program(
     assert SAID[name] in capfd.readouterr().out
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(
     ("mistake", "found"),
     [

@@ -45,6 +45,7 @@ def test_servo_bridge_recorder_and_every_command_are_there_without_any_extra() -
     assert done.returncode == 0, done.stderr
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(
     ("words", "remedy"),
     [

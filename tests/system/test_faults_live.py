@@ -64,6 +64,7 @@ def repair(arm: RunningArm) -> Injected:
     return report
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     ("line", "code"),
     [

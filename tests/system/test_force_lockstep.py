@@ -155,6 +155,7 @@ def watched_joints(monkeypatch: pytest.MonkeyPatch) -> list[tuple[int, JointIndi
     return seen
 
 
+@pytest.mark.thorough
 def test_a_crank_whose_shaft_is_not_where_the_program_thinks_is_turned_four_times_s06(capsys, monkeypatch) -> None:
     rig = rig_with(Scene(kind="crank", clearance_m=0.0015))
     giving_way = watched_joints(monkeypatch)
@@ -231,6 +232,7 @@ COMMANDS = re.findall(r"qrobot run --lockstep --scene (.*)", TUTORIALS)
 OUTCOMES = ["the table is 40", "turned 4 times", "the peg is 26 mm down", "the peg met something: FORCE_LIMIT"]
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(("command", "outcome"), list(zip(COMMANDS, OUTCOMES, strict=True)))
 def test_what_the_tutorial_says_to_run_ends_as_it_says(command, outcome, capsys) -> None:
     kind, example, *arguments = command.split()

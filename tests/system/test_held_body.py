@@ -99,6 +99,7 @@ def test_what_two_stiff_arms_press_an_arm_that_gives_way_does_not() -> None:
     assert abs(tension(SOFT)) < 15.0
 
 
+@pytest.mark.thorough
 def test_when_one_arm_loses_its_power_the_other_stops_on_its_path_and_the_body_is_not_torn() -> None:
     cell = Cell(SOFT)
     left, right = cell.rigs.values()

@@ -83,6 +83,7 @@ def test_the_inertia_that_is_shown_is_the_arms_and_not_the_files(printed: str) -
         assert abs(value - truth[name]) < 0.1 * abs(before - truth[name])
 
 
+@pytest.mark.thorough
 def test_the_notebook_runs_cell_by_cell_and_says_the_same(printed: str) -> None:
     notebook = json.loads(EXAMPLE.with_suffix(".ipynb").read_text())
     said, names = StringIO(), {"__name__": "__main__"}

@@ -32,6 +32,8 @@ from qrobot.sim_board.drive import STRIBECK_FRACTION
 from qrobot.sim_board.emulator import Emulator
 from qrobot.sim_board.mismatch import PlantMismatch
 
+pytestmark = pytest.mark.thorough  # `test_identify` does the same with the nominal plant
+
 PUMA = load_robot("puma560")
 WRONG = PlantMismatch.mismatched(PUMA.n)
 SETTINGS = ServoSettings(rate_hz=1000.0)

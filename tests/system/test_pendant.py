@@ -285,17 +285,17 @@ def is_at_rest(arm: RunningArm) -> bool:
     return bool((arm.snapshot().q_setpoint == before).all())
 
 
+@pytest.mark.thorough
 @needs_browser
-def test_an_arm_is_driven_from_one_page_and_a_page_that_stalls_or_dies_moves_it_no_longer(
+def test_a_page_shows_the_arm_and_its_fences_every_tab_a_log_that_is_written_and_curves_of_a_motion(
     arm: RunningArm, shared_arm: SharedArm, pendant: Pendant
 ) -> None:
-    shared_arm.park()  # from where this test ends the marker of the tool cannot be seen
-    host, port = pendant.host.split(":")
-    with Relay((host, int(port))) as relay, open_browser() as driver:
-        page = Page(driver, pendant.address_by(relay))
-        assert page.run("return location.href").startswith(f"http://127.0.0.1:{relay.port}/#")  # without the token
+    shared_arm.park()  # elsewhere the marker of the tool may not be seen
+    with open_browser() as driver:
+        page = Page(driver, pendant.address)
         the_arm_is_seen_where_its_kinematics_says(page)
         a_picture_that_takes_long_is_drawn_less_often(page)
+        page.draw_no_more()
         the_page_knows_how_far_off_each_fence_is(page, pendant)
         every_tab_opens(page)
         the_path_ahead_of_one_that_returns_is_not_cut_short(page)
@@ -309,7 +309,23 @@ def test_an_arm_is_driven_from_one_page_and_a_page_that_stalls_or_dies_moves_it_
         the_tool_goes_along_the_axes_of_a_taught_place(page, arm)
         a_trigger_is_for_what_comes_and_not_for_what_was(page)
 
+
+@needs_browser
+def test_an_arm_is_driven_from_one_page_and_a_page_that_stalls_or_dies_moves_it_no_longer(
+    arm: RunningArm, pendant: Pendant
+) -> None:
+    host, port = pendant.host.split(":")
+    with Relay((host, int(port))) as relay, open_browser() as driver:
+        page = Page(driver, pendant.address_by(relay))
+        page.draw_no_more()
+        assert page.run("return location.href").startswith(f"http://127.0.0.1:{relay.port}/#")  # without the token
+        drive(page)
+        press_until_it_moves(page, arm)
+        page.let_go()
+        wait_until(lambda: is_at_rest(arm), "at rest once it is let go")
+
         watcher = Page(driver, f"{pendant.address}#teach", window=True)
+        watcher.draw_no_more()
         assert not watcher.run("return pendant.driving")
         wait_until(lambda: tells_who_drives(watcher, page), "the second page says who drives")
         watcher.run("pendant.say({do: 'press', arm: 0, number: 99, target: 'joint', name: '1'})")
@@ -628,6 +644,7 @@ def test_what_is_held_ends_with_the_key_or_button_whatever_that_is_called_meanwh
     arm.wait_for_rest()
     with open_browser() as driver:
         page = Page(driver, pendant.address)
+        page.draw_no_more()
         drive(page)
         began = arm.snapshot().q[0]
         moved = lambda: bool(arm.snapshot().q[0] > began + FAR_RAD)  # noqa: E731
@@ -685,6 +702,7 @@ def hold(page: Page, press: Callable[[], None], let_go: Callable[[], None]) -> N
 def test_the_speed_override_is_what_the_slider_shows_however_long_a_finger_rests_on_it(pendant: Pendant) -> None:
     with open_browser() as driver:
         page = Page(driver, pendant.address)
+        page.draw_no_more()
         page.click("drive")
         wait_until(lambda: page.run("return !document.getElementById('override').disabled"), "it can be moved")
         page.touch("#override")

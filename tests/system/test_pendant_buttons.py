@@ -53,12 +53,14 @@ return [asked, more()];
 """
 
 
+@pytest.mark.thorough
 def test_a_button_whose_meaning_changes_under_the_finger_never_gives_the_arm_more(
     arm: RunningArm, pendant: Pendant
 ) -> None:
     arm.wait_for_rest()
     with open_browser() as driver:
         page = Page(driver, pendant.address)
+        page.draw_no_more()
         rests = "return pendant.status !== null && ['OFF', 'HOLDING'].includes(pendant.modeOf(pendant.arm.state))"
         wait_until(lambda: page.run(rests), "the page knows how things stand")
         page.run(TELL_AND_LISTEN)
@@ -76,9 +78,11 @@ def asks_for_more(page: Page, button: str) -> bool:
     return page.click_if(f"#{button}") and page.run("return more()") == 1
 
 
+@pytest.mark.thorough
 def test_a_key_that_is_held_on_such_a_button_presses_it_once(pendant: Pendant) -> None:
     with open_browser() as driver:
         page = Page(driver, pendant.address)
+        page.draw_no_more()
         enter = "{key: 'Enter', cancelable: true, bubbles: true, repeat: %s}"
         press = "return document.getElementById(arguments[0]).dispatchEvent(new KeyboardEvent('keydown', %s))"
         for button in CASES:

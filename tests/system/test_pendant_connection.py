@@ -44,6 +44,7 @@ def lose_the_connection(page: Page) -> None:
 def test_an_editor_of_a_place_and_the_axes_stay_through_a_loss_and_go_with_the_arm(pendant: Pendant) -> None:
     with open_browser() as driver:
         page = Page(driver, pendant.address)
+        page.draw_no_more()
         take_the_lease(page)
         record(page, "FIXTURE")
         assert page.choose_option("jog-axes", "at FIXTURE")
@@ -66,6 +67,7 @@ def test_a_stop_that_does_not_reach_the_pendant_is_told_and_said_again(pendant: 
     host, port = pendant.host.split(":")
     with Relay((host, int(port))) as relay, open_browser() as driver:
         page = Page(driver, pendant.address_by(relay))
+        page.draw_no_more()
         page.type(Keys.ESCAPE)
         wait_until(lambda: page.run("return pendant.status.stops === 1 && pendant.unread === null"), "it was read")
         assert not page.shows("#fault", LOST)
@@ -84,6 +86,7 @@ def test_the_space_bar_stops_wherever_no_text_is_being_typed(pendant: Pendant) -
     """An emptied field may have kept the focus of what was sent, and a number has no blank."""
     with open_browser() as driver:
         page = Page(driver, pendant.address)
+        page.draw_no_more()
         for kind, text, stops in (("text", "", 1), ("number", "12", 2), ("text", "part", 2)):
             page.run(
                 "const field = document.createElement('input'); field.type = arguments[0]; field.value = arguments[1];"
@@ -96,10 +99,12 @@ def test_the_space_bar_stops_wherever_no_text_is_being_typed(pendant: Pendant) -
             wait_until(lambda stops=stops: page.run("return pendant.status?.stops") == stops, "it was counted")
 
 
+@pytest.mark.thorough
 def test_that_a_stop_has_not_reached_an_arm_is_told_beside_what_is_told_of_another_one(pendant: Pendant) -> None:
     """The second arm is not there."""
     with open_browser() as driver:
         page = Page(driver, pendant.address)
+        page.draw_no_more()
         page.type(Keys.ESCAPE)
         lost = lambda: page.shows("#fault", "absent: STOP HAS NOT REACHED THE ARM")  # noqa: E731
         wait_until(lost, "it is told")
@@ -124,6 +129,7 @@ def test_what_every_page_may_ask_for_can_be_pressed_while_nothing_is_heard_of_th
     """The second one is not there, nobody drives it, and it is not known to have power."""
     with open_browser() as driver:
         page = Page(driver, pendant.address)
+        page.draw_no_more()
         choose_arm(page, 1)
         wait_until(lambda: page.shows("#fault", "No arm"), "nothing is heard of it")
         for each in ("stop", "power-off", "pause"):
@@ -147,9 +153,11 @@ def test_a_page_whose_connection_is_lost_again_and_again_draws_the_arms_with_wha
         assert page.run(TAKEN) == taken
 
 
+@pytest.mark.thorough
 def test_a_place_is_recorded_over_another_of_its_name_only_when_that_is_asked_twice(pendant: Pendant) -> None:
     with open_browser() as driver:
         page = Page(driver, pendant.address)
+        page.draw_no_more()
         take_the_lease(page)
         record(page, "FIXTURE")
         page.click("tab-teach")

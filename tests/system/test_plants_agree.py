@@ -58,6 +58,7 @@ def run_digest(seconds: float) -> str:
     return hashlib.sha256(rig.rows().tobytes() + rig.emulator.q.tobytes()).hexdigest()
 
 
+@pytest.mark.thorough
 def test_runs_with_the_rigid_plant_are_bit_identical_also_with_the_jit_off() -> None:
     command = [sys.executable, "-c", "from tests.system.test_plants_agree import run_digest; print(run_digest(0.02))"]
     environment = os.environ | {"NUMBA_DISABLE_JIT": "1"}

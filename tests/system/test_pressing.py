@@ -81,6 +81,7 @@ def press() -> dict[str, Phase]:
     return phases
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("phase", ["first", "lowered", "again", "alive"])
 def test_the_arm_presses_with_the_force_asked_for_to_one_in_twenty(press, phase) -> None:
     steady = press[phase].force[-100:]

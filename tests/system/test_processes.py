@@ -130,6 +130,7 @@ def test_up_runs_a_program_and_ctrl_c_ends_everything_in_good_order(up: Up) -> N
 STARTS = [("board", signal.SIGINT), ("servo", signal.SIGTERM), ("bridge", signal.SIGINT)]
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(("command", "number"), STARTS)
 def test_up_can_be_ended_while_its_processes_start(up: Up, command: str, number: signal.Signals) -> None:
     with up.running() as process:
@@ -197,6 +198,7 @@ def test_up_ends_the_rest_when_one_process_dies_and_says_which(up: Up) -> None:
     assert left_behind(up.name) == []
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("command", ["servo", "program"])
 def test_ctrl_c_ends_a_demo_on_the_wall_clock(up: Up, command: str) -> None:
     """While its processes start, and while the program moves the arm."""

@@ -43,6 +43,7 @@ def test_a_task_in_c_with_a_robot_answers_each_state(tmp_path: Path, own_cache: 
     assert missed >= 0
 
 
+@pytest.mark.thorough
 def test_messages_between_processors_that_are_processes_are_timed() -> None:
     late = latencies("messages", 5)
     assert late.shape == (5,)

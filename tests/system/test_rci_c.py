@@ -398,6 +398,7 @@ def test_one_arm_mirrors_another_in_c(make: Make, capfd: pytest.CaptureFixture[s
     assert 0.1 < behind < 25.0 * np.pi / 8.4 * 0.084  # no more than three samples at the fastest of the swing
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(("arguments", "late"), [((), 1.5), (("4",), 1.0)], ids=["28 ms", "4 ms"])
 def test_a_mirror_in_c_begins_wherever_the_arms_stand(
     arguments: tuple[str, ...], late: float, make: Make, capfd: pytest.CaptureFixture[str]

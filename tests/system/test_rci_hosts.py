@@ -261,6 +261,7 @@ def test_a_host_that_asks_for_certificates_serves_the_programs_of_its_list_alone
         host.close()
 
 
+@pytest.mark.thorough
 def test_a_host_whose_output_nobody_reads_serves_one_program_after_another(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -73,6 +73,7 @@ def test_a_task_that_swings_a_joint_in_lockstep_reads_the_very_counts_and_dac_wo
     assert (rows[-1]["mode"], rows["fault"].any()) == (Mode.HOLDING, False)
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(
     ("name", "period_s", "swing", "samples", "late"),
     [
@@ -106,6 +107,7 @@ def test_one_arm_mirrors_another_sample_by_sample(
     assert slave == pytest.approx(MIRROR * left["q"][away], abs=0.01)
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("name", ["16_mirror.py", "27_compiled_mirror.py"])
 def test_a_mirror_begins_wherever_the_arms_stand(name: str, capsys: pytest.CaptureFixture[str]) -> None:
     """The slave goes to the mirror image of the master first, within what its joints can."""

@@ -94,6 +94,7 @@ def test_a_path_that_is_kept_waits_off_what_was_met_and_goes_on_when_that_is_gon
 LOW = (30.0, 40.0, 20.0, 3.0, 3.0, 3.0)  # N m, below the robot file's
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("mm_s", [60.0, 250.0])
 @pytest.mark.parametrize("reaction", ["stop", "comply", "retract"])
 def test_a_program_chooses_what_follows_a_collision_and_how_soon_one_is_told(reaction: str, mm_s: float) -> None:

@@ -93,6 +93,7 @@ def test_a_run_in_lockstep_has_law_rate_and_log(here: Path, capsys: pytest.Captu
     assert "qrobot log info logs/run.mcap" in capsys.readouterr().err
 
 
+@pytest.mark.thorough
 def test_the_log_of_a_law_of_ones_own_has_one_name_for_it(here: Path) -> None:
     (here / "short.py").write_text(SHORT)
     (here / "mine.py").write_text(MINE)
@@ -107,6 +108,7 @@ def test_the_log_of_a_program_that_fails_is_kept(here: Path) -> None:
     assert read_log(path).rows.size > 100
 
 
+@pytest.mark.thorough
 @pytest.mark.sampled(1)
 @pytest.mark.parametrize("manner", ["--lockstep", "--offline"])
 def test_a_film_of_a_run_ends_with_the_arm_where_the_program_has_led_it(
@@ -151,6 +153,7 @@ def test_the_film_of_a_program_that_fails_is_made_and_of_one_that_takes_no_arm_i
     assert "has heard of no arm" in capsys.readouterr().err.replace("\n", " ")
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("manner", ["--lockstep", "--offline"])
 @pytest.mark.parametrize(
     ("end", "status"),
@@ -175,6 +178,7 @@ def test_a_film_is_made_however_a_program_ends(
     assert (here / "ends.gif").stat().st_size > 0
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("manner", ["--lockstep", "--offline"])
 @pytest.mark.parametrize(
     ("end", "status", "told"),
@@ -284,6 +288,7 @@ def test_a_star_import_gives_the_names_of_the_library(here: Path) -> None:
     assert run("--offline", "star.py") == 0
 
 
+@pytest.mark.thorough
 def test_an_arm_without_a_closed_form_traces_the_box_as_a_puma_does(
     here: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -103,6 +103,7 @@ def ports_of(processes: list[int]) -> set[str]:
     return {row[1] for row in rows if row[3] == LISTEN and f"socket:[{row[9]}]" in held}
 
 
+@pytest.mark.thorough
 def test_an_arm_is_identified_and_judged_from_the_command_line(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
     path = tmp_path / "arms.jsonl"
     words = ["--arms", "1", "--poses", "12", "--no-tracking", "--workers", "1", "--output", str(path)]

@@ -106,6 +106,7 @@ def test_a_tool_that_comes_down_on_a_table_is_told_as_a_collision(speed: float, 
     assert is_told_as_a_collision(codes, mode), (codes, mode)
 
 
+@pytest.mark.sampled(6)
 @pytest.mark.parametrize(
     ("speed", "joint"), [(speed, joint) for joint in (2, 3) for speed in SPEEDS if joint == 2 or speed <= ELBOW]
 )
@@ -114,6 +115,7 @@ def test_it_is_by_one_joint_alone_as_well(speed: float, joint: int) -> None:
     assert is_told_as_a_collision(codes, mode), (codes, mode)
 
 
+@pytest.mark.sampled(6)
 @pytest.mark.parametrize("draw", [0, 1])
 @pytest.mark.parametrize("speed", SPEEDS)
 def test_a_wrong_model_does_not_change_the_name(speed: float, draw: int) -> None:

@@ -14,7 +14,7 @@ from tests.support import two_arm_deaths
 from tests.support.two_arm_deaths import Death, carry_until, deaths, judge
 
 
-@pytest.mark.sampled(6)
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("death", list(deaths(3)), ids=lambda death: f"{death.kind}-{death.victim}-{death.after_s:.2f}")
 def test_whatever_dies_the_other_arm_stops_on_its_path_and_what_both_hold_is_not_torn(death: Death) -> None:
     assert judge(death).wrong == ""
@@ -27,6 +27,7 @@ def test_a_trial_repeats_itself_to_the_bit() -> None:
         assert np.array_equal(rows["q"], again.rows[name]["q"])
 
 
+@pytest.mark.thorough
 def test_a_program_that_waits_for_a_dead_servo_would_be_found(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(Client, "_warn", lambda *_: None)
     assert "right goes on" in judge(Death("servo", "left", 0.4)).wrong

@@ -241,6 +241,7 @@ def lost_on_the_way(arms: list[RunningArm], directory: Path, process: str) -> tu
     return complaint, before, gone_ns
 
 
+@pytest.mark.thorough
 def test_when_the_bridge_of_one_arm_is_killed_the_other_stops_within_two_frames_and_their_object_is_not_torn(
     arms: list[RunningArm], tmp_path: Path
 ) -> None:

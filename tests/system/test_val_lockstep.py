@@ -118,6 +118,7 @@ def test_an_error_while_it_runs_has_its_line_and_a_status(tmp_path: Path, capsys
     assert "program main, line 3, column 9: 1 / 0 is no number" in capsys.readouterr().err
 
 
+@pytest.mark.thorough
 def test_the_program_of_a_file_is_the_one_named_or_main_or_the_only_one(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

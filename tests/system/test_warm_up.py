@@ -20,7 +20,7 @@ ROOT = Path(__file__).parents[2]
     [
         *wide("--offline examples/06_conveyor.py"),
         "--lockstep examples/09_peg_in_hole.py",  # it gives way
-        "--offline --deployment examples/19_fences.toml examples/19_fences.py",
+        *wide("--offline --deployment examples/19_fences.toml examples/19_fences.py"),
     ],
 )
 def test_a_program_calls_no_kernel_of_arm_and_motion_that_the_warm_up_has_left_out(words: str, tmp_path: Path) -> None:

@@ -9,8 +9,6 @@ from pathlib import Path
 
 import pytest
 
-from tests.support.thorough import wide
-
 ROOT = Path(__file__).parents[2]
 MODULES = (
     "sim_board/test_board",
@@ -24,10 +22,17 @@ MODULES = (
 )
 
 
-@pytest.mark.parametrize("modules", [("hwif/test_board_memory", "realtime/test_seqlock"), *wide(MODULES)], ids=len)
-def test_the_tests_of_the_kernels_pass_with_the_jit_off(modules: tuple[str, ...]) -> None:
+@pytest.mark.parametrize(
+    ("modules", "tests"),
+    [
+        (("hwif/test_board_memory", "realtime/test_seqlock"), "not thorough"),
+        pytest.param(MODULES, "", marks=pytest.mark.thorough),
+    ],
+    ids=["some", "all"],
+)
+def test_the_tests_of_the_kernels_pass_with_the_jit_off(modules: tuple[str, ...], tests: str) -> None:
     files = [f"tests/unit/{name}.py" for name in modules]
-    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", *files]
+    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-m", tests, *files]
     environment = os.environ | {"NUMBA_DISABLE_JIT": "1"}
     done = subprocess.run(command, env=environment, cwd=ROOT, check=False, stdout=subprocess.PIPE, text=True)
     assert done.returncode == 0, done.stdout

@@ -79,6 +79,7 @@ def test_a_real_arm_has_a_table_that_does_not_say_whose_it_is(tmp_path: Path, bo
     assert (table.n, table.emulated) == (ROBOT.n, False)
 
 
+@pytest.mark.thorough
 def test_a_table_that_may_have_been_measured_is_not_written_over(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -214,6 +214,7 @@ def test_every_number_has_a_range(option: Option) -> None:
     assert option.ranges
 
 
+@pytest.mark.sampled(24)
 @pytest.mark.parametrize("option", NUMERIC, ids=str)
 def test_a_number_that_cannot_be_is_refused_with_what_is_allowed(
     capsys: pytest.CaptureFixture[str], option: Option
@@ -230,6 +231,7 @@ def test_every_path_that_is_written_is_checked(option: Option) -> None:
     assert [each for each in as_tuple(option.argument.parameter.validator) if each is not None]
 
 
+@pytest.mark.sampled(17)
 @pytest.mark.parametrize("option", WRITTEN, ids=str)
 def test_what_cannot_be_written_is_refused(capsys: pytest.CaptureFixture[str], tmp_path: Path, option: Option) -> None:
     (tmp_path / "file").touch()
@@ -253,6 +255,7 @@ def test_a_file_is_refused_in_whose_folder_there_can_be_no_other_to_take_its_pla
     assert place.read_bytes() == b""
 
 
+@pytest.mark.sampled(11)
 @pytest.mark.parametrize("option", OF_A_KIND, ids=str)
 def test_a_file_of_another_kind_is_not_written_over(
     capsys: pytest.CaptureFixture[str], tmp_path: Path, option: Option
@@ -343,6 +346,7 @@ def test_a_folder_that_nobody_named_is_checked_too(
     assert "Permission denied" in complaint
 
 
+@pytest.mark.sampled(18)
 @pytest.mark.parametrize("option", READ_PATHS, ids=str)
 def test_a_path_that_leads_nowhere_is_refused(
     capsys: pytest.CaptureFixture[str], tmp_path: Path, option: Option
@@ -359,6 +363,7 @@ def test_every_word_has_something_that_it_may_not_be(option: Option) -> None:
     assert option.name in WORDS
 
 
+@pytest.mark.sampled(45)
 @pytest.mark.parametrize("option", WORDED, ids=str)
 def test_a_word_that_cannot_be_is_refused(capsys: pytest.CaptureFixture[str], option: Option) -> None:
     for value in WORDS[option.name]:

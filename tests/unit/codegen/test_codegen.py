@@ -201,6 +201,7 @@ print(step(np.ones(2))[0].tobytes().hex(), sum(step.kernel.stats.cache_hits.valu
 """
 
 
+@pytest.mark.thorough
 def test_a_second_process_finds_the_compiled_kernel_and_casadi_is_only_loaded_by_who_uses_it(tmp_path: Path) -> None:
     command = [sys.executable, "-c", USE, str(tmp_path)]
     runs = [subprocess.run(command, cwd=ROOT, check=True, stdout=subprocess.PIPE, text=True) for _ in range(2)]

@@ -69,6 +69,7 @@ def test_a_server_that_ends_while_somebody_enters_leaves_no_connection_open(monk
     assert asyncio.run(asyncio.wait_for(end_at_the_door(), PATIENCE_S)) == b""
 
 
+@pytest.mark.thorough
 @pytest.mark.realtime
 def test_connections_opened_at_full_speed_do_not_keep_the_server_from_its_controller() -> None:
     device = ModbusDevice(PaperBoard())

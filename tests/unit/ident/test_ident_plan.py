@@ -67,6 +67,7 @@ def few_candidates(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("qrobot.ident.plan._CANDIDATES", 25)
 
 
+@pytest.mark.sampled(6)
 @pytest.mark.usefixtures("few_candidates")
 @pytest.mark.parametrize("share", [0.01, 0.05, 0.3])
 @pytest.mark.parametrize(("name", "joint"), [("puma560", 0), ("puma560", 2), ("puma560", 5), ("stanford", 2)])

@@ -212,6 +212,7 @@ def slipped(counts: int, motor: int, from_pose: int = 18) -> Identified:
     return identify(PUMA, base, regressor, replace(seen, torque=seen.torque + change))
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("motor", [1, 2, 4])
 @pytest.mark.parametrize("counts", [500, -500])
 def test_a_counter_that_slipped_unseen_is_told_by_gravity(counts: int, motor: int) -> None:

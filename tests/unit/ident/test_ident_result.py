@@ -226,6 +226,7 @@ def test_an_arm_that_is_exactly_as_its_file_says_gets_a_model() -> None:
         model_of(identify(PUMA, base, regressor, seen), TelemetryLayout(N).empty(3), "2026-11-21")
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("none", [[0], [1, 2], [0, 1, 2]])
 def test_an_arm_without_viscous_or_coulomb_friction_gets_a_model(none: list[int]) -> None:
     regressor, base = puma_base()

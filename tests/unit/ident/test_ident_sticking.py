@@ -36,6 +36,7 @@ def test_coulomb_and_viscous_friction_are_those_of_the_drive_and_not_bent() -> N
     np.testing.assert_allclose(found(0, noise=1e-6).friction, drawn(0)[1], rtol=1e-4)
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(("fades_at", "least"), [(0.01, 0.85), (0.02, 0.9), (0.03, 0.8)])
 def test_intervals_of_friction_hold_the_truth_though_drives_stick(fades_at: float, least: float) -> None:
     hits = []

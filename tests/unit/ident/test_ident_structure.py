@@ -68,6 +68,7 @@ def test_intervals_hold_nine_times_in_ten_and_friction_is_nearer_than_without_te
     assert error < 0.5 * plain
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("kind", KINDS)
 def test_what_varies_is_named_with_what_to_do(kind: FrictionTermKind) -> None:
     fitted = found(1, kind)
@@ -90,6 +91,7 @@ def missed(robot: Robot, seen: Observations) -> np.ndarray:
     return rms_by_motor(seen.torque - weight - rubs, seen.motor, N)
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("kind", KINDS)
 def test_what_is_judged_is_the_model_that_the_servo_loads(kind: FrictionTermKind) -> None:
     fitted = found(0, kind)

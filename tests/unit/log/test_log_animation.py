@@ -184,6 +184,7 @@ def put_ffmpeg(script: str, folder: Path, monkeypatch: pytest.MonkeyPatch) -> No
     monkeypatch.setenv("PATH", f"{program.parent}:{os.environ['PATH']}")
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("width", [320, 322, 321])
 def test_pictures_of_an_mp4_have_even_sides_as_its_colours_need(
     log: Log, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, width: int

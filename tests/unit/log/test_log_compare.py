@@ -111,6 +111,7 @@ def test_a_log_that_never_tracked_is_refused() -> None:
         compare_logs(make_log(), idle)
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("n", [1, 3, 7])
 def test_the_figure_has_one_panel_of_positions_and_one_of_errors_per_joint(tmp_path: Path, n: int) -> None:
     comparison = compare_logs(make_log(n=n), make_log(n=n, first=40))

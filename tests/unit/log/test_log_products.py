@@ -186,6 +186,7 @@ def test_a_table_or_figure_that_is_broken_off_leaves_the_one_before(
     assert os.listdir(tmp_path) == [path.name]
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("name", list(FIGURES))
 @pytest.mark.parametrize(("n", "n_rows"), [(9, 3), (1, 0)])
 def test_every_figure_can_be_drawn_and_written(name: str, n: int, n_rows: int, tmp_path: Path) -> None:

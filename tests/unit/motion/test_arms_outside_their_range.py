@@ -47,6 +47,7 @@ def motion(begin: float, way: float, deed: str, when: int, override: float) -> t
     return np.array([output.q - [0.0, begin] for output in outputs]), ended(outputs)
 
 
+@pytest.mark.sampled(15)
 @pytest.mark.parametrize("override", [1.0, 0.4])
 @pytest.mark.parametrize("way", [0.0, -0.5 * BEYOND_M, -5.0 * BEYOND_M], ids=["stands", "stays outside", "comes back"])
 @pytest.mark.parametrize("deed", DEEDS)

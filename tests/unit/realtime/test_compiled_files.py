@@ -137,6 +137,7 @@ def test_without_a_folder_that_can_be_written_kernels_still_share_what_is_below_
     assert (run_where(program, Path("/"), user=tmp_path / "user"), program.files("")) == ([COMPILED], [])
 
 
+@pytest.mark.thorough
 def test_a_folder_that_somebody_else_filled_is_read_and_what_it_lacks_is_kept_in_the_users_own(tmp_path: Path) -> None:
     program, user = Program(tmp_path), tmp_path / "user"
     program.run()

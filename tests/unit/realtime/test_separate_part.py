@@ -113,6 +113,7 @@ def test_a_later_process_finds_program_and_part_on_disk(programs: Programs) -> N
     assert [programs.run(), programs.run()] == ["15.0 0", "15.0 1"]
 
 
+@pytest.mark.thorough
 def test_a_part_that_is_lost_is_compiled_again_under_the_name_that_its_program_knows(programs: Programs) -> None:
     programs.run()
     for path in programs.cached("part"):
@@ -125,6 +126,7 @@ def test_a_changed_kernel_below_a_part_makes_program_and_part_stale(programs: Pr
     assert [programs.run(factor=3), programs.run(factor=5)] == ["15.0 0", "23.0 0"]
 
 
+@pytest.mark.thorough
 def test_a_part_is_not_taken_for_one_of_other_types_that_another_process_compiled(programs: Programs) -> None:
     """Two processes number their types alike, so that Numba gives one name to code for different records."""
     (programs.folder / "sizes.py").write_text(SIZES)

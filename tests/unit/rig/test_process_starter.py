@@ -41,6 +41,7 @@ def test_processes_are_forked_when_that_was_prepared_and_started_afresh_else(tmp
     assert afresh[2]
 
 
+@pytest.mark.thorough
 def test_a_starter_whose_fork_server_was_killed_starts_processes_afresh(tmp_path: Path) -> None:
     starter = ProcessStarter()
     starter.prepare()

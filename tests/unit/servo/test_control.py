@@ -220,6 +220,7 @@ def test_power_comes_and_goes_and_the_status_tells(servo: Bench, client: ServoCl
     assert client.power_on().mode == "HOLDING"  # asked again, nothing happens
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("name", LAWS)
 def test_the_law_changes_while_the_arm_holds(servo: Bench, client: ServoClient, name: str) -> None:
     client.power_on()

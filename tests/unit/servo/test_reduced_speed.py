@@ -114,6 +114,7 @@ def test_a_program_at_reduced_speed_goes_slowly_instead_of_being_stopped(program
     assert 0.2 * LIMIT < fastest_tip_of(program) <= LIMIT
 
 
+@pytest.mark.sampled(8)
 @pytest.mark.parametrize("mm", [15.0, 26.0, 40.0])
 @pytest.mark.parametrize("set_speed", STRAIGHT.values(), ids=STRAIGHT)
 def test_so_does_a_straight_motion_to_its_end(set_speed: Callable[[Channel], object], mm: float) -> None:

@@ -116,6 +116,7 @@ def test_a_simulated_arm_decays_below_the_limit_of_a_gain_and_shakes_above_it(
     assert amplitude(with_gains(robot, **{row: (joint, limit * 1.3)}), settings, joint) > SHAKES
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("velocity", ["difference", "observer"])
 @pytest.mark.parametrize("lasts", [0, 1])
 def test_so_it_does_behind_a_gateway_where_a_torque_acts_one_exchange_later_or_two(lasts: int, velocity: str) -> None:
@@ -209,6 +210,7 @@ def test_a_law_that_divides_by_the_inertia_needs_a_fair_one() -> None:
             check_gains(PUMA, ServoSettings(), "computed-torque", gains)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("robot", ROBOTS.values(), ids=ROBOTS)
 @pytest.mark.parametrize("row", [KP, KV])
 def test_what_is_told_as_allowed_is_so_on_the_whole_arm_and_nothing_beyond_it(robot: Robot, row: int) -> None:

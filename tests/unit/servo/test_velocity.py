@@ -143,6 +143,7 @@ def estimates(bench: ServoBench) -> Floats:
     return np.asarray(bench.rows()["v"])
 
 
+@pytest.mark.sampled(2)
 @both
 @pytest.mark.parametrize("rate_hz", [1000.0, 4000.0])
 def test_a_cruise_is_known_to_one_per_cent_and_rest_to_the_noise_of_a_count(velocity: str, rate_hz: float) -> None:

@@ -36,6 +36,7 @@ def both(robot: Robot, **choices: float) -> tuple[PlantOwner, PlantOwner]:
     return RigidPlant(robot, DT, **choices), load_plant(robot, DT, **choices)
 
 
+@pytest.mark.sampled(3)
 @ROBOTS
 @pytest.mark.parametrize("payload_kg", [0.0, 2.5])
 def test_one_step_from_anywhere_is_mujocos(robot: Robot, payload_kg: float) -> None:

@@ -60,7 +60,7 @@ TYPED = {
 }
 
 
-@pytest.mark.sampled(6)
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("file", sorted(EXAMPLES.glob("*.v2")), ids=lambda file: file.stem)
 def test_an_example_runs_to_its_end_and_types_what_it_has_done(file) -> None:
     """On RCCL and on ARCL, where it comes to rest at the same places but where it is stopped on its way."""

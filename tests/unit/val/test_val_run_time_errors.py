@@ -40,7 +40,7 @@ def broken(text: str, mistake: str, drawn: random.Random) -> tuple[str, int]:
             return with_it, at + 1
 
 
-@pytest.mark.sampled(6)
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("file", [f for f in sorted(EXAMPLES.glob("*.v2")) if f.stem != RECOVERS], ids=lambda f: f.stem)
 def test_a_mended_program_ends_as_if_nothing_had_been(file, monkeypatch) -> None:
     drawn = random.Random(f"{file.stem}{SEED}")
