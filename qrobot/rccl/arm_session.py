@@ -185,7 +185,8 @@ class ArmSession:
         try:
             self._driver.wait(self._watched(predicate) if self._link.virtual_time else predicate, ours)
         except BaseException as error:
-            self._error_told = self._error_told or error is self._driver.error
+            ended = self._driver.error
+            self._error_told = self._error_told or error is ended or isinstance(ended, KeyboardInterrupt)
             raise
 
     def _watched(self, predicate: Callable[[], bool]) -> Callable[[], bool]:
@@ -230,7 +231,7 @@ class ArmSession:
     def _tell_error(self) -> None:
         if self._driver.error is not None and not self._error_told:
             self._error_told = True
-            raise self._driver.error
+            raise told_later(self._driver.error)
 
     def begin_stop(self) -> None:
         """Begin to come to rest, and with it what moves together with this arm; waits for nothing."""

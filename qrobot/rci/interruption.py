@@ -24,7 +24,7 @@ class WholeSamples:
     """
 
     def __init__(self) -> None:
-        self._before: _Handler | None = None  # that was there before one waited
+        self._before: _Handler | None = None  # that was there before one waits
         self._inside = self._came = False
 
     @contextmanager
@@ -35,13 +35,14 @@ class WholeSamples:
         if handler == self._hear or not callable(handler) or not mine:
             yield
             return
-        self._before = handler
-        self._inside = self._came = False  # a second Ctrl-C may have left them, at whatever line it came
+        around = self._before, self._inside, self._came  # of a wait around this one; a second Ctrl-C may have left them
+        self._before, self._inside, self._came = handler, False, False
         try:
             signal.signal(signal.SIGINT, self._hear)
             yield
         finally:
             signal.signal(signal.SIGINT, handler)
+            self._before, self._inside, self._came = around
 
     @contextmanager
     def one(self) -> Iterator[None]:
@@ -80,8 +81,12 @@ class WholeSamples:
         self._obey(number, frame)
 
     def _obey(self, number: int, frame: FrameType | None) -> None:
-        if self._before is not None:
-            self._before(number, frame)
+        """Do what Ctrl-C did before; once where two guards stand behind each other, as one may that was left."""
+        before, self._before = self._before, None
+        try:
+            (before or signal.default_int_handler)(number, frame)
+        finally:
+            self._before = before
 
 
 def told_later(error: BaseException) -> BaseException:

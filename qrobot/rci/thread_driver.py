@@ -12,6 +12,7 @@ from qrobot.errors import LinkError, LinkLost, LinkTimeout, MotionError
 from qrobot.rci import arm_tasks
 from qrobot.rci.client import ServoLoss
 from qrobot.rci.forked_child import NO_PART, keep_from_children
+from qrobot.rci.interruption import told_later
 from qrobot.rci.link import Link
 from qrobot.rci.program_time import NO_WAIT
 from qrobot.rci.robot_samples import RELEASED
@@ -144,7 +145,7 @@ class ThreadDriver:
     def _require_thread(self) -> None:
         """Raise what has ended it."""
         if self.error is not None:
-            raise self.error
+            raise told_later(self.error)
         if not self._thread.is_alive():
             raise LinkLost(RELEASED)
 

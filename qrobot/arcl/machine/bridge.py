@@ -165,7 +165,7 @@ class BridgeMachine:
     @property
     def _held(self) -> SampleDriver:
         if self._driver is None:
-            raise self._error or LinkError("the robot is not open")
+            raise LinkError("the robot is not open") if self._error is None else told_later(self._error)
         return self._driver
 
     def grip(self, command: int, value: float) -> None:

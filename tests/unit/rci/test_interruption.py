@@ -74,6 +74,37 @@ def test_ctrl_c_at_any_line_of_the_guard_leaves_it_whole_for_the_next_wait() -> 
     assert event > 40
 
 
+def test_nor_does_one_that_was_left_between_two_others_keep_it_for_ever() -> None:
+    """As a program's time that was left within an interpreter's turn, and is asked to let a sample pass there again."""
+    event = 1
+    while interrupted_at(event, guard := WholeSamples()):
+        outer, done = WholeSamples(), list[str]()
+        with outer.waiting(), guard.waiting():
+            with pytest.raises(KeyboardInterrupt):
+                one_sample(guard, done)
+            with pytest.raises(KeyboardInterrupt):
+                signal.raise_signal(signal.SIGINT)
+        assert done == ["the sample is whole"], event
+        with outer.waiting(), pytest.raises(KeyboardInterrupt):
+            one_sample(outer, done)
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+        event += 1
+    assert event > 40
+
+
+def test_behind_a_handler_of_the_programs_own_the_one_around_it_is_obeyed_again() -> None:
+    guard, heard = WholeSamples(), list[int]()
+    with guard.waiting():
+        within = signal.signal(signal.SIGINT, lambda number, _frame: heard.append(number))
+        with guard.waiting(), guard.one():
+            signal.raise_signal(signal.SIGINT)
+        assert heard == [signal.SIGINT]
+        signal.signal(signal.SIGINT, within)
+        with pytest.raises(KeyboardInterrupt):
+            signal.raise_signal(signal.SIGINT)
+    assert heard == [signal.SIGINT]
+
+
 def test_one_guard_within_another_tells_it_once_and_behind_both() -> None:
     outer, done = WholeSamples(), []
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import signal
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from inspect import getfile
-from itertools import count
 from pathlib import Path
 from types import FrameType
 from typing import Any
@@ -15,13 +15,14 @@ from typing import Any
 import pytest
 
 from qrobot.errors import LinkError
-from qrobot.rccl.offline import OfflineLink
 from qrobot.rci.interruption import WholeSamples
 from qrobot.val.interpreter import Interpreter, RunState
 from qrobot.val.monitor import ValMonitor
-from qrobot.wire import Command, State
+from qrobot.val.source import read_source
+from tests.support.fake_robot import FakeRobot
+from tests.support.puma import PARK
 from tests.support.thorough import examples
-from tests.support.val_runs import PLACES, interpreter, interrupt_at, main_program, number
+from tests.support.val_runs import PLACES, faked_arm, interpreter, interrupt_at, main_program, number
 
 OF_THE_INTERPRETER = str(Path(getfile(Interpreter)).parent), getfile(WholeSamples)
 MEETINGS = examples(150)  # lines that are tried
@@ -168,17 +169,23 @@ def test_a_second_ctrl_c_does_not_wait_for_a_step_that_hangs() -> None:
         assert run.state is RunState.PAUSED
 
 
-def test_two_at_one_sample_let_go_of_the_arm_which_the_next_command_tells(monkeypatch: pytest.MonkeyPatch) -> None:
-    exchange, samples = OfflineLink.exchange, count(1)
+@pytest.mark.parametrize("library", ["rccl", "arcl"])
+def test_two_at_one_sample_let_go_of_the_arm_which_the_next_commands_tell(library: str) -> None:
+    class Robot(FakeRobot):
+        hit = False
 
-    def hit(link: OfflineLink, command: Command | None) -> State:
-        if next(samples) == 5:
-            signal.raise_signal(signal.SIGINT)
-            signal.raise_signal(signal.SIGINT)
-        return exchange(link, command)
+        def transfer(self, data: bytes) -> bytes:
+            if self.hit:
+                self.hit = False
+                signal.raise_signal(signal.SIGINT)
+                signal.raise_signal(signal.SIGINT)
+            return super().transfer(data)
 
-    with interpreter(main_program("MOVE a", rest=PLACES)) as (run, _):
-        monkeypatch.setattr(OfflineLink, "exchange", hit)
+    robot = Robot(tuple(PARK))
+    with faked_arm(robot, library) as arm:
+        run = Interpreter(arm, [].append, str)
+        run.machine.load(read_source(main_program("x = 1", "MOVE a", rest=PLACES))[0])
+        _once(run, "x", partial(setattr, robot, "hit", True))
         with pytest.raises(KeyboardInterrupt):
             run.execute("main")
         for _ in range(2):
@@ -202,13 +209,18 @@ def test_an_error_in_the_turn_of_a_ctrl_c_is_told_and_can_be_retried() -> None:
 
 def _ctrl_c_as_soon_as(run: Interpreter, name: str) -> None:
     """Hit Ctrl-C when a variable gets its first value."""
+    _once(run, name, partial(signal.raise_signal, signal.SIGINT))
+
+
+def _once(run: Interpreter, name: str, do: Callable[[], object]) -> None:
+    """Do something when a variable gets its first value."""
 
     class Values(dict[Any, Any]):
         def __setitem__(self, key: Any, value: Any) -> None:
             first = key not in self
             super().__setitem__(key, value)
             if first and key == (name, ()):
-                signal.raise_signal(signal.SIGINT)
+                do()
 
     run.machine.values = Values(run.machine.values)
 
