@@ -188,7 +188,7 @@ def _forget_interrupt() -> None:
 
 def _forget_unwritten() -> None:
     """Let what a closed terminal has not taken be lost, without another error and status at the end of the process."""
-    for stream in (sys.stdout, sys.stderr):
+    for stream in filter(None, (sys.stdout, sys.stderr)):  # the shell may have closed one
         try:
             stream.flush()
         except OSError:

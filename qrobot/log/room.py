@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Final, TypeAlias
 
 from qrobot.log.topics import STAMP
-from qrobot.realtime.file_lock import lock_alone
+from qrobot.realtime.file_lock import is_locked_alone
 from qrobot.report import Report
 
 GIGABYTE: Final = 1_000_000_000
@@ -66,15 +66,14 @@ class LogRoom:
 
     def _remove_oldest(self, newest: Path, most_bytes: int) -> str:
         """Remove files until the others beside `newest` have so many bytes; returns the names of the removed ones."""
-        sizes = {path: path.stat().st_size for path in self._oldest_first(newest)}
+        sizes = {path: path.stat().st_size for path in self._oldest_first(newest) if not is_written(path)}
         excess, removed = sum(sizes.values()) - most_bytes, []
         for path, size in sizes.items():
             if excess <= 0:
                 break
-            if not is_written(path):
-                path.unlink(missing_ok=True)
-                excess -= size
-                removed.append(path.name)
+            path.unlink(missing_ok=True)
+            excess -= size
+            removed.append(path.name)
         return ", ".join(removed)
 
     def _oldest_first(self, newest: Path) -> list[Path]:
@@ -92,9 +91,9 @@ class LogRoom:
 
 
 def is_written(path: Path) -> bool:
-    """Whether somebody writes a log to this file; False where its file system knows no locks."""
+    """Whether somebody writes a log to this file; False where that cannot be known."""
     try:
         with path.open("rb") as file:
-            return not lock_alone(file)
-    except FileNotFoundError:
+            return is_locked_alone(file)
+    except OSError:
         return False

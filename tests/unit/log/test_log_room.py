@@ -11,11 +11,12 @@ import pytest
 
 from qrobot.config.deployment import LogChoice
 from qrobot.log.read import read_log
-from qrobot.log.room import GIGABYTE, PARTS, LogRoom
+from qrobot.log.room import GIGABYTE, PARTS, LogRoom, is_written
 from qrobot.log.topics import part_path
 from qrobot.log.windows import LogWindows
 from qrobot.log.writer import LogWriter
 from qrobot.pendant.log_shelf import LogShelf
+from qrobot.realtime.file_lock import lock_alone
 from tests.support.log_samples import make_header, make_rows
 
 KEPT_GB = 2e-3
@@ -177,3 +178,16 @@ def test_a_log_that_another_recorder_is_writing_stays_until_that_has_ended(tmp_p
     sized(tmp_path, "left-20261105T000000Z.mcap", 900_000)
     room(said).make(newest)
     assert written.name not in names(tmp_path)
+
+
+def test_what_another_recorder_is_writing_takes_no_room_of_what_may_stay(tmp_path: Path) -> None:
+    kept = sized(tmp_path, "left-20261102T000000Z.mcap", 900_000)
+    newest = sized(tmp_path, "left-20261103T000000Z.mcap")
+    with (tmp_path / "left-20261101T000000Z.mcap").open("wb") as written:
+        written.write(bytes(5_000_000))
+        written.flush()
+        assert lock_alone(written)
+        room([]).make(newest)
+    assert kept.exists()
+    assert not is_written(kept)
+    assert not is_written(tmp_path)  # which cannot be opened
