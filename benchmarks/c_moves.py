@@ -4,7 +4,7 @@
 
 Each move makes a transform and a position and frees them. Memory, blocks of the interpreter, descriptors and mappings
 are looked at again and again; what counts is the second half of the run, when every cache has what it will have. Blocks
-of the interpreter are few and come in caches of everybody: of them the growth counts that is there from look to look.
+of the interpreter are few and come in caches of everybody: of them the growth counts that is there at every look.
 """
 
 from __future__ import annotations
@@ -18,7 +18,6 @@ from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
 from itertools import pairwise
 from pathlib import Path
-from statistics import median
 from time import perf_counter
 from typing import Any, Final
 
@@ -79,7 +78,7 @@ class Moves:
         later = self.held[len(self.held) // 2 :]
         half, end = later[0], later[-1]
         looks = len(later) - 1
-        blocks = looks * median(after.blocks - before.blocks for before, after in pairwise(later))
+        blocks = looks * min(after.blocks - before.blocks for before, after in pairwise(later))
         grown = {
             "memory of the engine": (end.engine_bytes - half.engine_bytes, MEMORY_BOUND),
             "memory of the program": (end.program_bytes - half.program_bytes, MEMORY_BOUND),

@@ -19,14 +19,21 @@ HELD = Held(
 )
 
 
+@needs_compiler
+def test_program_and_engine_are_looked_at_again_and_again_while_a_program_moves() -> None:
+    result = c_moves(40)
+    assert result.status == 0
+    assert len(result.held) >= LOOKS - 2
+    assert result.held[-1].samples > 200
+    assert result.held[-1].program_bytes > 100_000
+    assert all(held.descriptors[1] >= 3 for held in result.held)
+
+
 @pytest.mark.thorough
 @needs_compiler
-@pytest.mark.parametrize("moves", [400, 1000])
+@pytest.mark.parametrize("moves", [800, 2000])
 def test_neither_program_nor_engine_holds_more_after_all_moves_than_after_half_of_them(moves: int) -> None:
-    result = c_moves(moves)
-    assert result.failures == []
-    assert result.held[-1].samples > 5 * moves
-    assert result.held[-1].program_bytes > 100_000
+    assert c_moves(moves).failures == []
 
 
 @pytest.mark.parametrize(
