@@ -30,7 +30,7 @@ test: $(VENV)/dev.stamp ## all checks: lint, then the test suite
 	@echo "make test: every check has passed"
 
 # Tests marked `thorough` are wide and long forms of what others show: every change is tested without them.
-thorough: $(VENV)/dev.stamp ## make test, with the wide and long forms of its tests too (half an hour)
+thorough: $(VENV)/dev.stamp ## make test, with the wide and long forms of its tests too (a quarter of an hour)
 	@$(MAKE) --no-print-directory test LEFT_OUT=
 
 LEFT_OUT := and not thorough

@@ -50,7 +50,6 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
     return once
 
 
-@pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     ("switches", "printed"), [((), DONE), (("+tr",), TRANSFORMS + DONE), (("+m",), MOTIONS + DONE)]
 )

@@ -168,7 +168,6 @@ rccl.move(seen[0])
 """
 
 
-@pytest.mark.sampled(1)
 @pytest.mark.parametrize(("last", "code"), [("", Termination.COMPLETED), ("raise ValueError", Termination.STOPPED)])
 def test_a_script_of_a_plain_interpreter_ends_as_one_of_qrobot_run(last: str, code: int) -> None:
     script = f"import atexit\nseen = []\natexit.register(lambda: print(int(seen[0].code)))\n{SCRIPT}{last}\n"

@@ -48,7 +48,6 @@ def direct() -> TransportRun:
     return over("direct")
 
 
-@pytest.mark.sampled(2)
 @pytest.mark.parametrize("transport", list(TRANSPORTS)[1:])
 def test_a_transport_changes_no_setpoint_no_torque_word_and_no_position(transport: str, direct: TransportRun) -> None:
     seen = over(transport)

@@ -25,6 +25,7 @@ from qrobot.sim_board.emulator import Emulator
 from tests.property.test_motor_campaign import random_path
 from tests.support.campaign import FRAME_NS, FRAME_S, PUMA, N
 from tests.support.dead_encoder import TABLE, Case, SlowArm, run_case
+from tests.support.thorough import wide, wide_rows
 
 SPEEDS = (0.02, 0.1, 1.0)
 WAYS = ((1.0, 0), (-1.0, 0), (1.0, 3))  # and plants
@@ -48,7 +49,7 @@ def _soonest(case: Case) -> float:
     return {0.02: 1.2, 0.1: 0.4, 1.0: 0.2}[abs(case.speed)]
 
 
-@pytest.mark.sampled(12)
+@pytest.mark.sampled(18)
 @pytest.mark.parametrize("case", [*every(True, True), *every(False, True)], ids=str)
 def test_a_cable_that_comes_off_costs_the_power_within_five_degrees(case: Case) -> None:
     result = run_case(case)
@@ -57,7 +58,6 @@ def test_a_cable_that_comes_off_costs_the_power_within_five_degrees(case: Case) 
     assert result.seconds <= _soonest(case)
 
 
-@pytest.mark.sampled(9)
 @pytest.mark.parametrize("case", every(False, False), ids=str)
 def test_without_a_calibration_table_the_potentiometers_see_it_at_rest_all_the_same(case: Case) -> None:
     result = run_case(case)
@@ -66,7 +66,6 @@ def test_without_a_calibration_table_the_potentiometers_see_it_at_rest_all_the_s
     assert result.seconds <= _soonest(case)
 
 
-@pytest.mark.sampled(5)
 @pytest.mark.parametrize("case", [case for case in every(True, False) if case.draw == 3], ids=str)
 def test_nor_is_a_table_needed_on_the_way(case: Case) -> None:
     result = run_case(case)
@@ -75,16 +74,18 @@ def test_nor_is_a_table_needed_on_the_way(case: Case) -> None:
     assert result.seconds <= _soonest(case)
 
 
-@pytest.mark.sampled(9)
-@pytest.mark.parametrize("case", every(moving=True, table=False), ids=str)
-def test_without_potentiometers_it_is_found_by_the_torque_since_the_last_count(case: Case) -> None:
-    result = run_case(case, pots=False)
+@pytest.mark.parametrize("joint", [1, 2, 3])
+@pytest.mark.parametrize("speed", SPEEDS)
+@pytest.mark.parametrize(("sign", "draw"), WAYS)
+def test_without_potentiometers_it_is_found_by_the_torque_since_the_last_count(
+    joint: int, speed: float, sign: float, draw: int
+) -> None:
+    result = run_case(Case(joint, sign * speed, True, False, draw), pots=False)
     assert result.code is FaultCode.ENC_STUCK
     assert result.degrees <= BLIND_DEGREES
-    assert result.seconds <= (0.4 if abs(case.speed) < 0.1 else 0.06)
+    assert result.seconds <= (0.4 if speed < 0.1 else 0.06)
 
 
-@pytest.mark.sampled(5)
 @pytest.mark.parametrize("case", [case for case in every(False, False) if abs(case.speed) == 1.0], ids=str)
 def test_without_potentiometers_a_fast_start_is_cut_as_soon(case: Case) -> None:
     result = run_case(case, pots=False)
@@ -101,8 +102,7 @@ def test_rate_and_estimator_make_no_difference(rate_hz: float, velocity: str, mo
         assert result.degrees <= DEGREES
 
 
-@pytest.mark.sampled(1)
-@pytest.mark.parametrize("cycles", [2, 3])
+@pytest.mark.parametrize("cycles", [*wide(2), 3])
 def test_behind_a_board_that_is_asked_seldom_it_is_found_as_soon(cycles: int) -> None:
     """What a joint has missed is reckoned over all of the time between two images."""
     for joint, moving in ((1, True), (2, True), (1, False), (3, False)):
@@ -251,7 +251,6 @@ def test_potentiometers_that_nobody_has_heard_take_nothing_from_a_sensor_under_t
 LONG_CONVERSIONS = [(4000.0, 1), (1000.0, 2), (1000.0, 3)]  # of two servo cycles and more: rate, cycles an exchange
 
 
-@pytest.mark.sampled(1)
 @pytest.mark.parametrize(("rate_hz", "cycles"), LONG_CONVERSIONS)
 def test_beside_a_sensor_every_potentiometer_is_read_however_slowly(rate_hz: float, cycles: int) -> None:
     arm = SlowArm(Case(1, 0.0, False, True), rate_hz, cycles=cycles, sensor_channels=(6,), board_timeout_ms=20.0)
@@ -278,9 +277,10 @@ def test_so_it_is_beside_a_joint_that_shows_no_count_though_driven(rate_hz: floa
 BEYOND = -3.4  # rad of joint 6, where its potentiometer has stood at an end of its track for six turns of its motor
 
 
-@pytest.mark.sampled(2)
 @pytest.mark.parametrize("table", [False, True])
-@pytest.mark.parametrize(("cycles", "draw", "creep"), [(1, 0, 0.05), (2, 0, 0.05), (3, 0, -0.05), (3, None, -0.05)])
+@pytest.mark.parametrize(
+    ("cycles", "draw", "creep"), [(1, 0, 0.05), *wide_rows((2, 0, 0.05), (3, 0, -0.05), (3, None, -0.05))]
+)
 def test_a_potentiometer_at_the_end_of_its_track_accuses_no_encoder(
     cycles: int, draw: int | None, creep: float, table: bool
 ) -> None:
@@ -348,14 +348,11 @@ def test_the_coarse_converter_of_revision_e_accuses_no_slow_joint(table: bool) -
     assert Mode(rig.mailbox.snapshot().mode) is Mode.TRACKING
 
 
-@pytest.mark.sampled(1)
 @pytest.mark.parametrize(
     ("rate_hz", "velocity", "draw", "cycles"),
     [
-        (1000.0, "difference", 2, 1),
-        (4000.0, "observer", 3, 1),
         (1000.0, "difference", 2, 3),
-        (1000.0, "observer", 3, 2),
+        *wide_rows((1000.0, "difference", 2, 1), (4000.0, "observer", 3, 1), (1000.0, "observer", 3, 2)),
     ],
 )
 def test_a_wrong_model_and_an_unknown_load_are_no_dead_encoder(

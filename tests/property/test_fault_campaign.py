@@ -91,7 +91,7 @@ CASES = (
 REACTING = pytest.mark.parametrize("case", CASES, ids=lambda case: case.line)
 
 
-@pytest.mark.sampled(20)
+@pytest.mark.sampled(26)
 @REACTING
 @RATES
 @PLACES
@@ -240,7 +240,7 @@ MISHAPS = (
 )
 
 
-@pytest.mark.sampled(8)
+@pytest.mark.sampled(9)
 @pytest.mark.parametrize("mishap", MISHAPS, ids=lambda mishap: mishap.name)
 @RATES
 @PLACES

@@ -323,7 +323,6 @@ def stop(motion: Generator, last: MoveRequest) -> None:
     push_if_clear(motion, last)
 
 
-@pytest.mark.sampled(3)
 @pytest.mark.parametrize(
     ("interfere", "told"),
     [(skip, None), (skip_twice, None), (skip_into_a_line, None), (stop, Termination.STOPPED), (abort, 7)],

@@ -10,7 +10,7 @@ from tests.support.hard_collision import DRAWS, JOINTS, Case, HardTurn
 SEEDS = range(2)
 
 
-@pytest.mark.sampled(4)
+@pytest.mark.sampled(7)
 @pytest.mark.parametrize("joints", JOINTS)
 @pytest.mark.parametrize("draw", DRAWS)
 def test_an_arm_that_meets_a_wall_while_it_accelerates_hard_is_stopped_for_that(

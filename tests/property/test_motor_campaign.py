@@ -220,7 +220,7 @@ def assert_no_fault(rig: LockstepRig) -> None:
     assert read_incident(rig.state.watch.incident) is None
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize(
     ("rate_hz", "law", "velocity", "draw"),
     [

@@ -108,7 +108,7 @@ WAYS = {
 }
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("seconds", [None, 0.0, 2.0])
 @pytest.mark.parametrize("way", WAYS)
 def test_a_stop_of_a_line_near_a_wall_keeps_the_margin(way, seconds) -> None:

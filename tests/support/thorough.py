@@ -17,6 +17,11 @@ def wide(*values: object) -> list[Any]:
     return [pytest.param(value, marks=pytest.mark.thorough) for value in values]
 
 
+def wide_rows(*rows: tuple[object, ...]) -> list[Any]:
+    """Rows of several parameters for `make thorough` alone."""
+    return [pytest.param(*row, marks=pytest.mark.thorough) for row in rows]
+
+
 def run_a_part(part: bool) -> None:
     """Have properties tried with a part of their `examples`, or with all; before tests are collected."""
     global _part  # noqa: PLW0603 (test files ask for it as they are imported)
@@ -59,9 +64,8 @@ def _sample(cases: Sequence[Any], size: int) -> list[Any]:
 
 
 def _values(case: Any) -> list[tuple[str, object]]:
-    """Values of its parameters: plain ones as such, of others the place in their table."""
-    places = case.callspec.indices
+    """Values of its parameters: plain ones as such, of others which thing of their table it is."""
     return [
-        (name, value if isinstance(value, str | int | float | bool) else (places[name],))
+        (name, value if isinstance(value, str | int | float | bool) else (id(value),))
         for name, value in case.callspec.params.items()
     ]

@@ -41,7 +41,6 @@ def one_line(process: subprocess.Popen[str]) -> str:
     return complaint
 
 
-@pytest.mark.sampled(1)
 @pytest.mark.parametrize(
     ("command", "complaint"),
     [

@@ -385,7 +385,6 @@ def test_a_program_ends_with_its_motions_done_and_its_arms_let_go_of(tmp_path: P
     assert right.requests == []
 
 
-@pytest.mark.sampled(2)
 @pytest.mark.parametrize("end", ["exit(3);", "terminate = 1; rccl_manip_sample();", "move(left, 0);", "abort();"])
 def test_a_program_that_ends_badly_has_all_its_arms_stopped_at_one_sample(end: str, tmp_path: Path, capfd) -> None:
     text = f"""

@@ -41,7 +41,7 @@ def hanging(q_ref, v_ref, q, v, gains, gravity, friction, memory, tau):
     while memory[0] > 3000.0:
         tau[0] += 1e-9
 """
-HANGS_S, FEW_FAULTS = 1.5, 10  # of computing, in which whoever compiles or plots needs more memory
+HANGS_S, FEW_FAULTS = 3.0, 10  # of computing, in which whoever compiles or plots needs more memory, and a run ends
 
 RUN_KEYS = {
     "rate_hz": int,

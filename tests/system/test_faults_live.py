@@ -64,7 +64,6 @@ def repair(arm: RunningArm) -> Injected:
     return report
 
 
-@pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     ("line", "code"),
     [

@@ -155,7 +155,6 @@ def watched_joints(monkeypatch: pytest.MonkeyPatch) -> list[tuple[int, JointIndi
     return seen
 
 
-@pytest.mark.thorough
 def test_a_crank_whose_shaft_is_not_where_the_program_thinks_is_turned_four_times_s06(capsys, monkeypatch) -> None:
     rig = rig_with(Scene(kind="crank", clearance_m=0.0015))
     giving_way = watched_joints(monkeypatch)

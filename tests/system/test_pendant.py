@@ -287,7 +287,7 @@ def is_at_rest(arm: RunningArm) -> bool:
 
 @pytest.mark.thorough
 @needs_browser
-def test_a_page_shows_the_arm_and_its_fences_every_tab_a_log_that_is_written_and_curves_of_a_motion(
+def test_a_page_shows_the_arm_every_tab_a_log_that_is_written_and_curves_of_a_motion(
     arm: RunningArm, shared_arm: SharedArm, pendant: Pendant
 ) -> None:
     shared_arm.park()  # elsewhere the marker of the tool may not be seen
@@ -296,7 +296,6 @@ def test_a_page_shows_the_arm_and_its_fences_every_tab_a_log_that_is_written_and
         the_arm_is_seen_where_its_kinematics_says(page)
         a_picture_that_takes_long_is_drawn_less_often(page)
         page.draw_no_more()
-        the_page_knows_how_far_off_each_fence_is(page, pendant)
         every_tab_opens(page)
         the_path_ahead_of_one_that_returns_is_not_cut_short(page)
         a_log_is_opened_while_it_is_written(page)
@@ -317,6 +316,7 @@ def test_an_arm_is_driven_from_one_page_and_a_page_that_stalls_or_dies_moves_it_
     host, port = pendant.host.split(":")
     with Relay((host, int(port))) as relay, open_browser() as driver:
         page = Page(driver, pendant.address_by(relay))
+        the_page_knows_how_far_off_each_fence_is(page, pendant)
         page.draw_no_more()
         assert page.run("return location.href").startswith(f"http://127.0.0.1:{relay.port}/#")  # without the token
         drive(page)

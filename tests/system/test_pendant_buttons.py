@@ -53,7 +53,6 @@ return [asked, more()];
 """
 
 
-@pytest.mark.thorough
 def test_a_button_whose_meaning_changes_under_the_finger_never_gives_the_arm_more(
     arm: RunningArm, pendant: Pendant
 ) -> None:

@@ -26,6 +26,7 @@ from qrobot.servo.memory.mailbox import ServoMailbox
 from qrobot.servo.memory.servo_memory import attach_servo_memory
 from tests.support.patience import PATIENCE_S, give_time, wait_until
 from tests.support.processes import FIRST_START_S, left_behind, processes_of, qrobot, write_deployment
+from tests.support.thorough import wide
 
 pytestmark = pytest.mark.realtime
 
@@ -198,8 +199,7 @@ def test_up_ends_the_rest_when_one_process_dies_and_says_which(up: Up) -> None:
     assert left_behind(up.name) == []
 
 
-@pytest.mark.sampled(1)
-@pytest.mark.parametrize("command", ["servo", "program"])
+@pytest.mark.parametrize("command", [*wide("servo"), "program"])
 def test_ctrl_c_ends_a_demo_on_the_wall_clock(up: Up, command: str) -> None:
     """While its processes start, and while the program moves the arm."""
     options = ("--deployment", up.deployment, "--rate", "1000", "--out-dir", up.directory / "demo")

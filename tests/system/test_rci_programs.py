@@ -73,7 +73,6 @@ def test_a_task_that_swings_a_joint_in_lockstep_reads_the_very_counts_and_dac_wo
     assert (rows[-1]["mode"], rows["fault"].any()) == (Mode.HOLDING, False)
 
 
-@pytest.mark.sampled(1)
 @pytest.mark.parametrize(
     ("name", "period_s", "swing", "samples", "late"),
     [

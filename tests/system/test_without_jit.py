@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.support.thorough import wide_rows
+
 ROOT = Path(__file__).parents[2]
 MODULES = (
     "sim_board/test_board",
@@ -26,7 +28,7 @@ MODULES = (
     ("modules", "tests"),
     [
         (("hwif/test_board_memory", "realtime/test_seqlock"), "not thorough"),
-        pytest.param(MODULES, "", marks=pytest.mark.thorough),
+        *wide_rows((MODULES, "")),
     ],
     ids=["some", "all"],
 )

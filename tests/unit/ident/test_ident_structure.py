@@ -68,7 +68,6 @@ def test_intervals_hold_nine_times_in_ten_and_friction_is_nearer_than_without_te
     assert error < 0.5 * plain
 
 
-@pytest.mark.sampled(2)
 @pytest.mark.parametrize("kind", KINDS)
 def test_what_varies_is_named_with_what_to_do(kind: FrictionTermKind) -> None:
     fitted = found(1, kind)

@@ -57,11 +57,21 @@ def test_a_sample_has_every_value_of_every_parameter_as_often_as_it_can() -> Non
     assert set(Counter(second for _, second in kept).values()) == {3, 4}
 
 
-def test_values_of_rows_of_a_table_are_told_apart_and_things_are_by_their_places() -> None:
+def test_things_are_values_too_wherever_pytest_says_that_they_stand() -> None:
+    """Of a table that is handed to a test it says the number of the case, of each parameter."""
+    things, cases = [object() for _ in range(8)], many("test_things", 8)
+    for k, case in enumerate(cases):
+        case.callspec.params["a"] = things[case.callspec.params["a"]]
+        case.callspec.indices = {"a": k, "b": k}
+    mark_thorough(cases)
+    kept = [case.callspec.params["a"] for case in cases if not case.added]
+    assert len(set(map(id, kept))) == 8
+
+
+def test_values_of_rows_of_a_table_are_told_apart() -> None:
     rows = [("gcc", "-O0"), ("gcc", "-O2"), ("clang", "-O0"), ("clang", "-O2")]
     cases = [Case("test_rows", k, 0, 2) for k in range(len(rows))]
-    for k, (case, (compiler, flag)) in enumerate(zip(cases, rows, strict=True)):
-        case.callspec.indices = {"compiler": k, "flag": k, "program": k}
+    for case, (compiler, flag) in zip(cases, rows, strict=True):
         case.callspec.params = {"compiler": compiler, "flag": flag, "program": object()}
     kept = left(cases)
     first, second = (row for case, row in zip(cases, rows, strict=True) if case.nodeid in kept)

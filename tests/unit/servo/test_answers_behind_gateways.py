@@ -57,7 +57,6 @@ def test_an_index_latch_that_is_armed_at_rest_has_seen_no_pulse(cycles: int, las
     assert (Mode(rig.state.mode), rig.state.event) == (Mode.HOLDING, FaultCode.NONE)
 
 
-@pytest.mark.sampled(1)
 @pytest.mark.parametrize(("cycles", "lasts"), [(2, 0), (2, 1)])
 def test_a_calibration_takes_no_pulse_twice_and_the_watch_after_it_none_of_its_latches(cycles: int, lasts: int) -> None:
     rig = rare_rig(cycles, lasts, random_pose(1), calibrated=False, calibration=TABLE)

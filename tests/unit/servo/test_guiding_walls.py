@@ -67,7 +67,6 @@ def led_rows(bench: ServoBench, seconds: float) -> Rows:
     return bench.rows()[first:]
 
 
-@pytest.mark.sampled(2)
 @pytest.mark.parametrize("robot", ROBOTS, ids=IDS)
 def test_wherever_the_joints_stand_when_the_key_is_pressed_no_wall_pushes_them(robot: Robot) -> None:
     low, high = robot.limits.q_min, robot.limits.q_max
@@ -77,7 +76,6 @@ def test_wherever_the_joints_stand_when_the_key_is_pressed_no_wall_pushes_them(r
         assert not rows["v_ref"].any()
 
 
-@pytest.mark.sampled(2)
 @pytest.mark.parametrize("robot", ROBOTS[2:], ids=IDS[2:])
 @pytest.mark.parametrize("way", [1.0, -1.0], ids=["upwards", "downwards"])
 def test_a_hand_that_leads_a_joint_from_end_to_end_meets_one_wall_and_no_leap(robot: Robot, way: float) -> None:
