@@ -40,6 +40,7 @@ def test_the_velocity_errors_on_the_page_are_those_measured(plant: str, velocity
     np.testing.assert_allclose(seen.velocity_error * 1e3, [float(cell) for cell in told[3:9]], atol=DIGITS, rtol=0.02)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("form", ["linear", "b-spline"])
 def test_the_errors_of_the_forms_on_the_page_are_those_measured(form: str) -> None:
     told = next(row for row in rows_of("form-errors") if row[0] == f"`{form}`")
@@ -65,6 +66,7 @@ def test_the_observer_is_at_least_twice_as_good_everywhere_and_far_quieter() -> 
         assert np.all(2.5 * observer.ripple < difference.ripple)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("factor", [0.5, 4.0])
 def test_the_observer_forgives_a_payload_nobody_told_it_of_and_an_inertia_far_off(factor: float) -> None:
     rig = GroundTruthRig(

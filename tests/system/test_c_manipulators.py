@@ -130,7 +130,7 @@ def test_one_equation_leads_to_four_places_as_in_python_s09(tmp_path: Path, capf
         assert np.hypot(float(x) - 480, float(y) - 60) == pytest.approx(np.hypot(px, py), abs=15)  # passed, and turned
 
 
-@pytest.mark.sampled(1)
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("name", "arms", "twin_name"),
     [("two_hands", ["--deployment", "two_arms"], None), ("four_places", [], "18_four_places.py")],

@@ -45,6 +45,7 @@ def test_the_arm_that_moves_fast_is_the_one_of_the_steady_passes() -> None:
     np.testing.assert_allclose(ARM.friction, SHIPPED.facts["friction"])
 
 
+@pytest.mark.thorough
 def test_fast_motion_is_predicted_several_times_better_than_with_the_files_inertia(model_file: Path) -> None:
     quality = load_model(model_file, PUMA).quality
     assert quality.motion_rms is not None
@@ -52,6 +53,7 @@ def test_fast_motion_is_predicted_several_times_better_than_with_the_files_inert
     assert (quality.motion_rms[HEAVY] < 0.5 * quality.motion_before_rms[HEAVY]).all()
 
 
+@pytest.mark.thorough
 def test_the_servos_links_have_the_inertia_of_the_arm(model_file: Path) -> None:
     regressor = inertial_regressor(PUMA)
     base, believed = base_of_robot(PUMA, regressor), with_model(PUMA, load_model(model_file, PUMA))

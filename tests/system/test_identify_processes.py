@@ -36,6 +36,7 @@ def record_last_swing(arm: RunningArm, log: Path) -> tuple[int, Path]:
     return begin_ns, log
 
 
+@pytest.mark.thorough
 def test_the_last_swing_of_a_plan_is_made_by_a_running_arm_and_recorded(
     arm: RunningArm, shared_arm: SharedArm, tmp_path: Path
 ) -> None:

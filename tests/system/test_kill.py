@@ -291,6 +291,7 @@ def test_a_servo_without_its_board_faults_and_takes_a_new_board_as_it_is(arm: Ru
     assert_the_next_program_works(arm)
 
 
+@pytest.mark.thorough
 def test_a_killed_log_disturbs_nothing_and_what_it_wrote_can_be_read(arm: RunningArm, legs: Path) -> None:
     before = arm.running()
     path = arm.log_of_now()

@@ -634,7 +634,7 @@ def the_page_knows_how_far_off_each_fence_is(page: Page, pendant: Pendant) -> No
         for told in page.run(asked):
             assert told["distance"] == pytest.approx(near[told["fence"]].distance, abs=1e-3)
         assert len(near) == 5
-    assert page.shows(".scene .nearest", "mm off")
+    wait_until(lambda: page.shows(".scene .nearest", "mm off"), "the picture says how far off the nearest is")
 
 
 @needs_browser

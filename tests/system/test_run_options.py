@@ -141,6 +141,7 @@ def test_what_was_heard_of_an_arm_is_where_it_was_and_was_wanted() -> None:
     assert np.allclose(stage.way[0], SolidArm(robot).tip(q[-1]))
 
 
+@pytest.mark.thorough
 def test_the_film_of_a_program_that_fails_is_made_and_of_one_that_takes_no_arm_it_is_told(
     here: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

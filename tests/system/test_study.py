@@ -36,6 +36,7 @@ def gains(tmp_path_factory: pytest.TempPathFactory) -> Results:
     return carry_out(PAIRS, 2, Engine(InProcess(), 1, 1), tmp_path_factory.mktemp("gains") / "r.jsonl")
 
 
+@pytest.mark.thorough
 def test_a_stiffer_servo_tracks_better_and_chatters_more(gains: Results) -> None:
     for outcome in gains.good:
         soft, stiff = outcome["tried"]

@@ -113,6 +113,7 @@ def test_a_program_moves_its_own_arm_alone(arms: list[RunningArm]) -> None:
         assert not right.powered
 
 
+@pytest.mark.thorough
 def test_each_arm_has_a_log_of_its_own(arms: list[RunningArm]) -> None:
     directory = Path(arms[0].arm.log.directory)
     for arm in arms:
@@ -336,6 +337,7 @@ def slipped_ns(arm: RunningArm) -> int:
     return arm.word("heartbeat", "slipped_ns")
 
 
+@pytest.mark.thorough
 @needs_compiler
 def test_when_a_program_in_c_of_two_arms_is_killed_both_come_to_rest(
     arms: list[RunningArm], tmp_path: Path, own_cache: None

@@ -82,6 +82,7 @@ def test_every_run_is_clear_all_along_and_so_is_the_way_to_it() -> None:
         at = run.motion.start
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("name", "seeds"), [("puma560", 2), ("stanford", 1)])
 def test_the_way_between_ready_and_every_run_is_clear(name: str, seeds: int) -> None:
     """The first run is gone to from there, any by --first N, and the arm goes back there after the last."""
@@ -117,6 +118,7 @@ def test_chosen_runs_tell_all_36_parameters_of_a_puma_apart_and_random_ones_wors
     assert excitation().condition < 10.0 < at_random
 
 
+@pytest.mark.thorough
 def test_the_same_seed_gives_the_same_runs_and_another_seed_others() -> None:
     again = make_excitation(PUMA, *regressor_and_base(), FEWEST)
     assert again.to_dict() == excitation().to_dict()

@@ -68,6 +68,7 @@ def check_runs(made: Excitation) -> None:
         at = run.motion.start
 
 
+@pytest.mark.thorough
 def test_every_swing_and_every_way_keeps_inside_the_fences() -> None:
     check_swings(planned(FENCES))
     with pytest.raises(FenceCrossed):

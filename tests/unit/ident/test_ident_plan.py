@@ -118,6 +118,7 @@ def test_every_swing_and_every_way_between_is_clear(name: str) -> None:
         at = swing.low
 
 
+@pytest.mark.thorough
 @ROBOTS
 def test_the_way_between_ready_and_every_swing_is_clear(name: str) -> None:
     """The first swing is gone to from there, any by --first N, and the arm goes back there after the last."""

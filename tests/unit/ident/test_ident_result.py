@@ -252,6 +252,7 @@ def test_coulomb_friction_clearly_below_nothing_is_refused() -> None:
     assert {value.name: value.value for value in given.value}["waist.coulomb_pos"] == -0.06
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("within", [0.01, 0.03])
 def test_passes_that_are_too_much_alike_to_tell_gravity_elsewhere_make_no_model(within: float) -> None:
     regressor, base = puma_base()
@@ -263,6 +264,7 @@ def test_passes_that_are_too_much_alike_to_tell_gravity_elsewhere_make_no_model(
     require_gravity_everywhere(identify(PUMA, base, regressor, generated(*drawn(0), 0.05, 0)))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("noise", [0.0, 0.05])
 def test_doubt_of_gravity_is_what_models_of_other_recordings_differ_by(noise: float) -> None:
     """In 95 of 100, at any pose; a recording of the whole range leaves little."""

@@ -60,6 +60,7 @@ def inside(kind: FrictionTermKind | None, sought: tuple[FrictionTermKind, ...] |
     return float(np.mean(hits)), float(np.mean(errors))
 
 
+@pytest.mark.thorough
 @pytest.mark.sampled(1)
 @pytest.mark.parametrize("kind", KINDS)
 def test_intervals_hold_nine_times_in_ten_and_friction_is_nearer_than_without_terms(kind: FrictionTermKind) -> None:
@@ -139,6 +140,7 @@ def test_the_share_of_the_load_comes_back() -> None:
     assert value.value == pytest.approx(true[ELBOW], abs=1.5 * value.half_width + 0.003)
 
 
+@pytest.mark.thorough
 def test_the_figure_shows_what_is_left_and_what_was_fitted_of_it() -> None:
     panels = structure_figure(found(1, "position")).axes
     assert len(panels) == 3 * N

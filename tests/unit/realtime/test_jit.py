@@ -122,6 +122,7 @@ print(sum(sum(each.stats.cache_misses.values()) for each in kernels))
 """
 
 
+@pytest.mark.thorough
 def test_of_processes_that_meet_a_new_kernel_together_one_compiles_it_and_the_others_load_it(tmp_path: Path) -> None:
     (tmp_path / "crowd.py").write_text(CROWD)
     root = Path(__file__).parents[3]

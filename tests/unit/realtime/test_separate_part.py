@@ -122,6 +122,7 @@ def test_a_part_that_is_lost_is_compiled_again_under_the_name_that_its_program_k
     assert programs.run(again) == "15.0 1"
 
 
+@pytest.mark.thorough
 def test_a_changed_kernel_below_a_part_makes_program_and_part_stale(programs: Programs) -> None:
     assert [programs.run(factor=3), programs.run(factor=5)] == ["15.0 0", "23.0 0"]
 

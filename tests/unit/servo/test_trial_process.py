@@ -134,6 +134,7 @@ def test_a_law_without_an_end_is_refused_and_so_it_is_in_lockstep(tmp_path: Path
         LockstepRig(ROBOT, ServoSettings(rate_hz=1000.0, law=f"{path}:mine"))
 
 
+@pytest.mark.thorough
 @pytest.mark.skipif(jit_disabled(), reason="plain Python is not timed")
 def test_a_law_that_is_too_slow_for_the_rate_is_refused_and_so_it_is_in_lockstep(tmp_path: Path) -> None:
     path = tmp_path / "law_file.py"
