@@ -19,18 +19,18 @@ unexport PYTHONDONTWRITEBYTECODE
 .PHONY: help demo test thorough machines lint kernels rewritten unit virtual realtime shared alone bench docs clean
 
 help: ## list the targets
-	@sed -n 's/^\([a-z]*\):.*## \(.*\)/  make \1	\2/p' Makefile | expand -t 16
+	@sed -n 's/^\([a-z]*\):.*## \(.*\)/  make \1	\2/p' Makefile | expand -t 18
 
 demo: $(VENV)/dev.stamp ## move the emulated PUMA 560 through the paper's experiment
 	$(BIN)/qrobot demo
 
-test: $(VENV)/dev.stamp ## all checks: lint, then the test suite
+test: $(VENV)/dev.stamp ## the checks of every change: lint, then the test suite
 	@$(MAKE) --no-print-directory -j 2 lint kernels rewritten
 	@$(MAKE) --no-print-directory unit
 	@echo "make test: every check has passed"
 
 # Tests marked `thorough` are wide and long forms of what others show: every change is tested without them.
-thorough: $(VENV)/dev.stamp ## make test, with the wide and long forms of its tests too (a quarter of an hour)
+thorough: $(VENV)/dev.stamp ## make test, with the wide and long forms of its tests too (a quarter of an hour, warm)
 	@$(MAKE) --no-print-directory test LEFT_OUT=
 
 LEFT_OUT := and not thorough

@@ -31,7 +31,7 @@ from qrobot.wire import Command, Hello, State
 LOOKS: Final = 8  # about so many in a run
 SAMPLES_PER_MOVE: Final = 8  # about
 MEMORY_BOUND: Final = 2 << 20  # bytes of growth of either process in the second half
-BLOCKS_PER_MOVE: Final = 0.2  # far less than one object for every move
+BLOCKS_PER_MOVE: Final = 0.2  # at each look; far less than one object for every move
 BLOCKS_PER_LOOK: Final = 20  # NumPy's caches of small arrays had 10 more each time, however many moves (2026-11-30)
 
 

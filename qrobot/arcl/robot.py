@@ -33,7 +33,6 @@ from qrobot.errors import ConfigError, LinkError, MotionError, QRobotError, Serv
 from qrobot.fences.in_force import fences_for
 from qrobot.motion import Trsf, whole_samples
 from qrobot.rci.forked_child import keep_from_children
-from qrobot.rci.interruption import told_later
 from qrobot.rci.listening import GivesWay, heard, heard_on_leaving
 from qrobot.rci.machine_choice import machine_choice
 from qrobot.rci.sample_drivers import refuse_at_samples
@@ -410,7 +409,6 @@ class ArclRobot(PathCalls, LineCalls):
 
     def _raise_lost(self, lost: BaseException) -> None:
         """Raise what ended control of the arm: the loss of the arm at each call, the error of a call-back once."""
-        lost = told_later(lost)
         if isinstance(lost, LinkError | ServoFault):
             raise lost
         if self._given_up:

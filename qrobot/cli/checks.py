@@ -23,7 +23,7 @@ from qrobot.realtime.lasting_folder import look_at_lasting
 from qrobot.realtime.machine import machine_steps
 from qrobot.realtime.runtime_folder import MEMORY_FOLDER, runtime_path, serve_in_folder, tidy_folder
 from qrobot.realtime.setup import DMA_LATENCY, HIGHEST_PRIORITY, SetupStep, hold_dma_latency, may_lock_all, set_fifo
-from qrobot.realtime.shared_memory import is_owned
+from qrobot.realtime.shared_memory import has_owner
 
 LIBRARIES: Final = ("numpy", "numba", "llvmlite", "pydantic", "foxglove-sdk", "mcap")
 SEGMENT_BYTES: Final = 64 << 20  # servo memory with its telemetry ring, board memory, and room for a second arm
@@ -157,10 +157,10 @@ def look_at_room(directory: Path) -> SetupStep:
 def look_at_segments(directory: Path) -> Iterator[SetupStep]:
     """Segments of this program: in use, or left by processes that were killed, of which a few are named."""
     paths = sorted(filter(_is_segment, directory.iterdir()))
-    living = list(filter(_is_locked, paths))
-    for path in living:
+    owned = {path: has_owner(path) for path in paths}
+    for path in filter(owned.get, paths):
         yield SetupStep(path.name, True, "in use")
-    dead = [path for path in paths if path not in living]
+    dead = [path for path in paths if not owned[path]]
     for path in dead[:NAMED]:
         yield SetupStep(path.name, False, LEFT_BEHIND, f"rm {path}, or leave it")
     if more := dead[NAMED:]:
@@ -169,20 +169,11 @@ def look_at_segments(directory: Path) -> Iterator[SetupStep]:
 
 def running_servos(directory: Path) -> list[str]:
     """Arms whose servo runs on this machine."""
-    return [path.name.removesuffix("-servo") for path in sorted(directory.glob("*-servo")) if _is_locked(path)]
+    return [path.name.removesuffix("-servo") for path in sorted(directory.glob("*-servo")) if has_owner(path)]
 
 
 def _is_segment(path: Path) -> bool:
     return path.name.endswith(("-board", "-servo", "-commander"))
-
-
-def _is_locked(path: Path) -> bool:
-    """True when a living process owns segment `path`."""
-    try:
-        with path.open("rb") as file:
-            return is_owned(file.fileno())
-    except OSError:
-        return False
 
 
 def look_at_port(arm: str, host: str, port: int, directory: Path | None = None) -> SetupStep:
@@ -193,7 +184,7 @@ def look_at_port(arm: str, host: str, port: int, directory: Path | None = None) 
         try:
             probe.bind((host, port))
         except OSError as error:
-            if _is_locked((directory or runtime_path()) / f"{arm}-servo"):
+            if has_owner((directory or runtime_path()) / f"{arm}-servo"):
                 return SetupStep(name, True, f"{host}:{port} is in use, and so is the arm")
             remedy = "stop what listens there, or choose another port in the deployment file"
             return SetupStep(name, False, f"{host}:{port}: {error.strerror}", remedy)

@@ -141,7 +141,8 @@ def run_app(app: App, tokens: Sequence[str], prepare: Callable[[], object] = lam
     try:
         prepare()
         result = app(tokens, exit_on_error=False, print_error=False, result_action="return_value")
-        sys.stdout.flush()
+        if sys.stdout is not None:  # the shell may have closed it
+            sys.stdout.flush()
     except CycloptsError as error:
         complain(f"{_sentence(error)} (see `{' '.join(['qrobot', *(error.command_chain or ())])} --help`)")
         return USAGE
@@ -187,7 +188,7 @@ def _forget_interrupt() -> None:
 
 
 def _forget_unwritten() -> None:
-    """Let what a closed terminal has not taken be lost, without another error and status at the end of the process."""
+    """Let be lost what a closed terminal or a full disk has not taken, without another error as the process ends."""
     for stream in filter(None, (sys.stdout, sys.stderr)):  # the shell may have closed one
         try:
             stream.flush()

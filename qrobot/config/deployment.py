@@ -283,8 +283,9 @@ class LogChoice(Table):
     The servo keeps the last `black_box_s` seconds of every cycle in shared memory, recorded or not: 49 MB at 1 kHz and
     195 MB at 4 kHz for six joints and a minute. Less is kept where there is room for less.
 
-    With `keep_gb` the oldest files of the arm's logs are removed when all together would be more. Without it all are
-    kept, until the disk is full. Incidents stay, each with its cycles around a fault.
+    With `keep_gb` the oldest files of the arm's logs are removed when all together would be more, but for one that
+    is being written. Without it all are kept, until the disk is full. Incidents stay, each with its cycles around a
+    fault.
     """
 
     directory: str = "out"

@@ -8,10 +8,15 @@ nothing is dropped, and the file on disk is at every moment a prefix of the log.
 from __future__ import annotations
 
 import os
+from contextlib import suppress
 from pathlib import Path
+from stat import S_ISREG
+from typing import Final
 
 from qrobot.errors import LogError, error_text
-from qrobot.realtime.file_lock import lock_alone
+from qrobot.realtime.shared_memory import own
+
+BEING_WRITTEN: Final = "cannot write the log {}: another recorder is writing it"
 
 
 class BufferedFile:
@@ -24,15 +29,26 @@ class BufferedFile:
 
     def __init__(self, path: Path) -> None:
         try:
-            self._fd = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC, 0o644)
+            self._fd = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_CLOEXEC, 0o644)
         except OSError as error:
             raise LogError(f"cannot write the log {path}: {error.strerror}") from None
-        lock_alone(self._fd)  # tells `room` that it is written
+        if S_ISREG(os.fstat(self._fd).st_mode):
+            self._begin_anew(path)
         self.path = path
         self._pending = bytearray()
         self._position = 0
         self.errors = 0
         self.last_error = ""
+
+    def _begin_anew(self, path: Path) -> None:
+        """Own the file as long as it is open, and empty it. Raises LogError: somebody is writing it."""
+        mine = True
+        with suppress(OSError):  # its file system knows no locks
+            mine = own(self._fd)
+        if not mine:
+            os.close(self._fd)
+            raise LogError(BEING_WRITTEN.format(path))
+        os.ftruncate(self._fd, 0)
 
     @property
     def size(self) -> int:

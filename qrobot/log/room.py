@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Final, TypeAlias
 
 from qrobot.log.topics import STAMP
-from qrobot.realtime.file_lock import is_locked_alone
+from qrobot.realtime.shared_memory import has_owner
 from qrobot.report import Report
 
 GIGABYTE: Final = 1_000_000_000
@@ -25,7 +25,7 @@ class LogRoom:
 
     Only files that are named as a recorder names them are looked at, in the folder of the newest, and those that have
     begun here under another name, which a user gave. Those of incidents are in another folder, and stay; so does one
-    that another recorder of the arm is writing.
+    that another recorder of the arm is writing, which counts for nothing.
 
     Attributes:
         arm: instance name.
@@ -66,7 +66,7 @@ class LogRoom:
 
     def _remove_oldest(self, newest: Path, most_bytes: int) -> str:
         """Remove files until the others beside `newest` have so many bytes; returns the names of the removed ones."""
-        sizes = {path: path.stat().st_size for path in self._oldest_first(newest) if not is_written(path)}
+        sizes = {path: path.stat().st_size for path in self._oldest_first(newest) if not has_owner(path)}
         excess, removed = sum(sizes.values()) - most_bytes, []
         for path, size in sizes.items():
             if excess <= 0:
@@ -88,12 +88,3 @@ class LogRoom:
             return self._named.get(path)
         stamp, copy, part = match.groups()
         return stamp, int(copy or 1), int(part or 1)
-
-
-def is_written(path: Path) -> bool:
-    """Whether somebody writes a log to this file; False where that cannot be known."""
-    try:
-        with path.open("rb") as file:
-            return is_locked_alone(file)
-    except OSError:
-        return False

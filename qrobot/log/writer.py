@@ -10,12 +10,14 @@ from qrobot.config import Robot
 from qrobot.errors import LogError
 from qrobot.fences.told_fences import ToldFences
 from qrobot.log.arm_view import Point
+from qrobot.log.buffered_file import BEING_WRITTEN
 from qrobot.log.header import Attachment, LogHeader
 from qrobot.log.mcap_file import LogPart, LogStream
 from qrobot.log.mcap_scan import parts_left
 from qrobot.log.status import LogStatus
 from qrobot.log.topics import part_path
 from qrobot.model.arm_shape import NO_TOOL
+from qrobot.realtime.shared_memory import has_owner
 from qrobot.servo.memory.law_history import LawInForce
 from qrobot.servo.memory.telemetry import Rows
 from qrobot.whole_file import probe_file
@@ -56,20 +58,20 @@ class LogWriter:
             probe_file(path)
         except OSError as error:
             raise LogError(f"cannot write the log {path}: {error.strerror}") from None
+        if has_owner(path):
+            raise LogError(BEING_WRITTEN.format(path))
         _remove(parts_left(path))
         self._law: LawInForce | None = None
         self._part = self._open(1)
         self._number = 1
         self._begin_ns = self._t_ns = self._rows = self._lost = self._earlier_errors = 0
         self._last_error = ""
+        self._begun(path)
 
     def _open(self, number: int) -> LogPart:
         header = replace(self._header, part=number)
         self._stream.begin_part()
-        file = part_path(self.path, number)
-        part = LogPart(self._stream, file, header, self._attachments)
-        self._begun(file)
-        return part
+        return LogPart(self._stream, part_path(self.path, number), header, self._attachments)
 
     @property
     def heading(self) -> str:
@@ -154,6 +156,7 @@ class LogWriter:
         self._last_error = self.last_error
         self._part = following
         self._number += 1
+        self._begun(part_path(self.path, self._number))  # the part before is nobody's any more
         if self._law is not None:  # the parts before may be removed
             self._stream.log_law(self._law, self._t_ns)
 

@@ -18,7 +18,6 @@ from qrobot.rci import Link
 from qrobot.rci.arm_settings import ArmSettings
 from qrobot.rci.bad_end import at_bad_end, interpreter_ends_well, stop_each, stopping
 from qrobot.rci.forked_child import keep_from_children
-from qrobot.rci.interruption import told_later
 from qrobot.rci.listening import heard, heard_on_leaving, is_listening
 from qrobot.rci.sample_drivers import driver_for, refuse_at_samples
 from qrobot.rci.sampled_task import SampleDriver
@@ -185,8 +184,7 @@ class ArmSession:
         try:
             self._driver.wait(self._watched(predicate) if self._link.virtual_time else predicate, ours)
         except BaseException as error:
-            ended = self._driver.error
-            self._error_told = self._error_told or error is ended or isinstance(ended, KeyboardInterrupt)
+            self._error_told = self._error_told or error is self._driver.error
             raise
 
     def _watched(self, predicate: Callable[[], bool]) -> Callable[[], bool]:
@@ -205,7 +203,7 @@ class ArmSession:
         """The lock under which a program touches the task. Raises what ended the hold, LinkError after `release`."""
         if self._driver.error is not None:
             self._error_told = True
-            raise told_later(self._driver.error)
+            raise self._driver.error
         if self.released:
             raise LinkError(f"{self._name} was released; call control() first")
         return self._driver.lock()
@@ -229,9 +227,10 @@ class ArmSession:
         self._wait_on_leaving(lambda: self._task.left)
 
     def _tell_error(self) -> None:
-        if self._driver.error is not None and not self._error_told:
+        error = self._driver.error
+        if error is not None and not self._error_told and not isinstance(error.__cause__, KeyboardInterrupt):
             self._error_told = True
-            raise told_later(self._driver.error)
+            raise error
 
     def begin_stop(self) -> None:
         """Begin to come to rest, and with it what moves together with this arm; waits for nothing."""

@@ -6,7 +6,6 @@ from collections.abc import Callable
 from typing import Final
 
 from qrobot.errors import LinkLost, MotionError
-from qrobot.rci.interruption import told_later
 from qrobot.rci.program_time import NO_WAIT, Rank, Turn, program_time
 from qrobot.units import NS_PER_S
 
@@ -71,7 +70,7 @@ class RobotSamples:
 
     def _await_sample(self) -> None:
         if self.error is not None:
-            raise told_later(self.error)
+            raise self.error
         if self.next_ns is None:
             raise LinkLost(RELEASED)
         before = self.count
@@ -102,8 +101,18 @@ class RobotSamples:
         try:
             self._sample()
         except BaseException as error:
-            self.error = error
+            self.error = told_later(error)
             self.end()
-            self._failed(error)
+            self._failed(self.error)
             if not isinstance(error, Exception):
                 raise
+
+
+def told_later(error: BaseException) -> BaseException:
+    """Error of whoever asks again for what `error`, which was raised at once, has ended. An interrupt was heard then;
+    nobody has hit it again, and a program that answers it by a stop would answer for ever."""
+    if not isinstance(error, KeyboardInterrupt):
+        return error
+    lost = LinkLost("an interrupt in the midst of a sample has let go of the arm: nothing can happen any more")
+    lost.__cause__ = error
+    return lost

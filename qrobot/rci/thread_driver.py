@@ -12,10 +12,9 @@ from qrobot.errors import LinkError, LinkLost, LinkTimeout, MotionError
 from qrobot.rci import arm_tasks
 from qrobot.rci.client import ServoLoss
 from qrobot.rci.forked_child import NO_PART, keep_from_children
-from qrobot.rci.interruption import told_later
 from qrobot.rci.link import Link
 from qrobot.rci.program_time import NO_WAIT
-from qrobot.rci.robot_samples import RELEASED
+from qrobot.rci.robot_samples import RELEASED, told_later
 from qrobot.rci.sampled_task import SampledTask, end_badly
 from qrobot.realtime.interpreter import InterpreterShare
 from qrobot.realtime.setup import set_fifo
@@ -97,7 +96,7 @@ class ThreadDriver:
 
     def fail(self, error: BaseException) -> None:
         """See `SampleDriver.fail`."""
-        self.error = error
+        self.error = told_later(error)
 
     def lock(self) -> AbstractContextManager[object]:
         """The lock between program and thread; re-entrant."""
@@ -145,7 +144,7 @@ class ThreadDriver:
     def _require_thread(self) -> None:
         """Raise what has ended it."""
         if self.error is not None:
-            raise told_later(self.error)
+            raise self.error
         if not self._thread.is_alive():
             raise LinkLost(RELEASED)
 

@@ -9,7 +9,7 @@ from qrobot.rci import arm_tasks
 from qrobot.rci.client import ServoLoss
 from qrobot.rci.link import Link
 from qrobot.rci.program_time import Rank
-from qrobot.rci.robot_samples import RobotSamples
+from qrobot.rci.robot_samples import RobotSamples, told_later
 from qrobot.rci.sampled_task import SampledTask, end_badly
 from qrobot.wire import Command, RobotState
 
@@ -44,7 +44,7 @@ class VirtualDriver:
 
     def fail(self, error: BaseException) -> None:
         """See `SampleDriver.fail`."""
-        self._samples.error = error
+        self._samples.error = told_later(error)
 
     def lock(self) -> AbstractContextManager[object]:
         """See `SampleDriver.lock`: nobody else is there."""

@@ -15,15 +15,3 @@ def lock_alone(file: IO[Any] | int) -> bool:
     except OSError:  # as NFS and FUSE may
         pass
     return True
-
-
-def is_locked_alone(file: IO[Any] | int) -> bool:
-    """Whether another one has a file locked; False where its file system knows no locks. The file has no lock then."""
-    try:
-        fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)  # an exclusive one needs a file that may be written, on NFS
-    except BlockingIOError:
-        return True
-    except OSError:
-        return False
-    fcntl.flock(file, fcntl.LOCK_UN)
-    return False

@@ -237,6 +237,15 @@ def is_owned(fd: int) -> bool:
     return bool(kind != fcntl.F_UNLCK)
 
 
+def has_owner(path: Path) -> bool:
+    """True when somebody has the owner's lock of a file; False where that cannot be known."""
+    try:
+        with path.open("rb") as file:
+            return is_owned(file.fileno())
+    except OSError:
+        return False
+
+
 def _maybe_lock(fd: int, which: int) -> bool:
     """Take one of the locks; it is this open file's. False when another has it."""
     try:

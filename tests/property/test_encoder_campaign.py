@@ -74,16 +74,12 @@ def test_nor_is_a_table_needed_on_the_way(case: Case) -> None:
     assert result.seconds <= _soonest(case)
 
 
-@pytest.mark.parametrize("joint", [1, 2, 3])
-@pytest.mark.parametrize("speed", SPEEDS)
-@pytest.mark.parametrize(("sign", "draw"), WAYS)
-def test_without_potentiometers_it_is_found_by_the_torque_since_the_last_count(
-    joint: int, speed: float, sign: float, draw: int
-) -> None:
-    result = run_case(Case(joint, sign * speed, True, False, draw), pots=False)
+@pytest.mark.parametrize("case", every(moving=True, table=False), ids=str)
+def test_without_potentiometers_it_is_found_by_the_torque_since_the_last_count(case: Case) -> None:
+    result = run_case(case, pots=False)
     assert result.code is FaultCode.ENC_STUCK
     assert result.degrees <= BLIND_DEGREES
-    assert result.seconds <= (0.4 if speed < 0.1 else 0.06)
+    assert result.seconds <= (0.4 if abs(case.speed) < 0.1 else 0.06)
 
 
 @pytest.mark.parametrize("case", [case for case in every(False, False) if abs(case.speed) == 1.0], ids=str)

@@ -29,7 +29,7 @@ def run_a_part(part: bool) -> None:
 
 
 def examples(number: int) -> int:
-    """How many examples of a property are tried: `number` in `make thorough`, half of them in `make test`."""
+    """Number of examples of a property, or of a loop's tries: that in `make thorough`, half of it in `make test`."""
     return -(-number // 2) if _part else number
 
 

@@ -55,7 +55,6 @@ sys.exit(os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1]))
 """
 PRINTING = """
     #include <pthread.h>
-    #include <sched.h>
     #include <unistd.h>
     volatile int printing;
     void *kills(void *unused) { while (!printing) usleep(500); kill(getpid(), SIGTERM); return unused; }

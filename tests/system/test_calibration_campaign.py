@@ -29,7 +29,6 @@ def test_on_an_eight_bit_converter_too_only_poses_beyond_the_track_are_refused()
     assert len(refused) < POSES // 2
 
 
-@pytest.mark.thorough
 def test_the_packaged_table_is_the_one_the_emulator_makes() -> None:
     made = make_table(Emulator(PUMA, physics="rigid"))
     assert [pots.tolist() for pots in made.pots] == [pots.tolist() for pots in TABLE.pots]

@@ -41,7 +41,8 @@ def hanging(q_ref, v_ref, q, v, gains, gravity, friction, memory, tau):
     while memory[0] > 3000.0:
         tau[0] += 1e-9
 """
-HANGS_S, FEW_FAULTS = 3.0, 10  # of computing, in which whoever compiles or plots needs more memory, and a run ends
+HANGS_S = 3.0  # of computing, in which a run ends
+FEW_FAULTS = 10  # whoever compiles or plots needs more memory
 
 RUN_KEYS = {
     "rate_hz": int,
@@ -117,7 +118,7 @@ def test_ctrl_c_ends_a_demo_whose_law_never_comes_back(tmp_path: Path) -> None:
         process.send_signal(signal.SIGINT)
         _, said = process.communicate(timeout=PATIENCE_S)
     assert process.returncode == 130
-    assert "run 2 of" not in said
+    assert "Traceback" not in said
 
 
 class Hang:

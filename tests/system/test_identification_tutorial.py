@@ -59,7 +59,6 @@ def test_the_recordings_are_those_that_are_known_and_small(name: str, digest: st
     assert recording.facts["made_by"] == "docs/unknown_arm.py"
 
 
-@pytest.mark.thorough
 def test_the_page_shows_what_the_program_prints(printed: str) -> None:
     found = list(shown(ROOT / "docs/tutorials/identification.md"))
     assert len(found) == 6

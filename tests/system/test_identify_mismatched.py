@@ -32,8 +32,6 @@ from qrobot.sim_board.drive import STRIBECK_FRACTION
 from qrobot.sim_board.emulator import Emulator
 from qrobot.sim_board.mismatch import PlantMismatch
 
-pytestmark = pytest.mark.thorough  # `test_identify` does the same with the nominal plant
-
 PUMA = load_robot("puma560")
 WRONG = PlantMismatch.mismatched(PUMA.n)
 SETTINGS = ServoSettings(rate_hz=1000.0)
@@ -98,6 +96,7 @@ def largest_error(believed: Robot, law: str) -> np.ndarray:
     return np.abs(tracked["q_ref"] - tracked["q"]).max(axis=0)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("law", ["qrobot", "qrobot+a"])
 def test_the_paper_s_experiment_goes_twice_as_well_and_nearly_as_well_as_with_the_truth(
     found: Identified, recorded: Rows, law: str

@@ -108,7 +108,6 @@ def test_the_log_of_a_program_that_fails_is_kept(here: Path) -> None:
     assert read_log(path).rows.size > 100
 
 
-@pytest.mark.thorough
 @pytest.mark.sampled(1)
 @pytest.mark.parametrize("manner", ["--lockstep", "--offline"])
 def test_a_film_of_a_run_ends_with_the_arm_where_the_program_has_led_it(

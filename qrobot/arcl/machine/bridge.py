@@ -26,11 +26,11 @@ from qrobot.motion import MotionLimits
 from qrobot.rci.arm_settings import ArmSettings
 from qrobot.rci.descriptor import HOST, NO_BIT, TaskDescriptor, local_area
 from qrobot.rci.environment import environment
-from qrobot.rci.interruption import told_later
 from qrobot.rci.link import Link, LinkFactory, check_welcome, hello_for, sample_period_us
 from qrobot.rci.listening import heard, heard_on_leaving
 from qrobot.rci.robot_cycle import SERVO_AWAY, CycleHooks, CyclePhase, RobotCycle, may_go_back
 from qrobot.rci.robot_data import KnownRobot, RobotData
+from qrobot.rci.robot_samples import told_later
 from qrobot.rci.sample_drivers import driver_for
 from qrobot.rci.sampled_task import SampleDriver
 from qrobot.realtime.interpreter import prepare_interpreter
@@ -105,7 +105,7 @@ class BridgeMachine:
             self._link = self._links(self._hello)
             return self._hold()
         except BaseException as error:
-            self._error = error
+            self._error = told_later(error)
             raise
 
     def _hold(self) -> Floats:
@@ -152,7 +152,7 @@ class BridgeMachine:
     def lock(self) -> AbstractContextManager[object]:
         """See `RobotMachine.lock`."""
         if self.error is not None:
-            raise told_later(self.error)
+            raise self.error
         return self._held.lock()
 
     def wait(self, predicate: Callable[[], bool]) -> None:
@@ -165,7 +165,7 @@ class BridgeMachine:
     @property
     def _held(self) -> SampleDriver:
         if self._driver is None:
-            raise LinkError("the robot is not open") if self._error is None else told_later(self._error)
+            raise self._error or LinkError("the robot is not open")
         return self._driver
 
     def grip(self, command: int, value: float) -> None:

@@ -24,7 +24,6 @@ from qrobot.arrays import Floats
 from qrobot.errors import MotionError
 from qrobot.model.payload_judge import PayloadJudge
 from qrobot.motion import MotionLimits
-from qrobot.rci.interruption import told_later
 from qrobot.rci.link import LinkFactory
 from qrobot.rci.robot_samples import RobotSamples
 from qrobot.units import MM_PER_M
@@ -109,7 +108,7 @@ class EmulatedMachine:
     def lock(self) -> AbstractContextManager[object]:
         """See `RobotMachine.lock`: nobody else is there."""
         if self.error is not None:
-            raise told_later(self.error)
+            raise self.error
         return nullcontext()
 
     @property

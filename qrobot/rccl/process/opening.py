@@ -18,8 +18,8 @@ from qrobot.rccl.process.remote_task import RemoteTask
 from qrobot.rccl.task import TrajectoryTask
 from qrobot.rci import TcpLink, arm_tasks
 from qrobot.rci.client import Beside, ServoLoss
-from qrobot.rci.interruption import told_later
 from qrobot.rci.processor_names import claim_processor, cpu_of
+from qrobot.rci.robot_samples import told_later
 from qrobot.wire import Command, State, Welcome
 
 
@@ -76,7 +76,7 @@ class RemoteDriver:
     def fail(self, error: BaseException) -> None:
         """See `SampleDriver.fail`."""
         with self._process.sampled:
-            self._process.fail(error)
+            self._process.fail(told_later(error))
 
     @contextmanager
     def _locked(self) -> Iterator[None]:
@@ -93,7 +93,7 @@ class RemoteDriver:
         with self._process.sampled:
             while not predicate():
                 if self._process.error is not None:
-                    raise told_later(self._process.error)
+                    raise self._process.error
                 self._process.sampled.wait(LOOK_S)
 
     def end(self) -> None:

@@ -61,7 +61,6 @@ def inside(kind: FrictionTermKind | None, sought: tuple[FrictionTermKind, ...] |
 
 
 @pytest.mark.thorough
-@pytest.mark.sampled(1)
 @pytest.mark.parametrize("kind", KINDS)
 def test_intervals_hold_nine_times_in_ten_and_friction_is_nearer_than_without_terms(kind: FrictionTermKind) -> None:
     (_, plain), (share, error) = inside(kind, ()), inside(kind, None)

@@ -10,13 +10,14 @@ import numpy as np
 import pytest
 
 from qrobot.config.deployment import LogChoice
+from qrobot.errors import LogError
 from qrobot.log.read import read_log
-from qrobot.log.room import GIGABYTE, PARTS, LogRoom, is_written
+from qrobot.log.room import GIGABYTE, PARTS, LogRoom
 from qrobot.log.topics import part_path
 from qrobot.log.windows import LogWindows
 from qrobot.log.writer import LogWriter
 from qrobot.pendant.log_shelf import LogShelf
-from qrobot.realtime.file_lock import lock_alone
+from qrobot.realtime.shared_memory import own
 from tests.support.log_samples import make_header, make_rows
 
 KEPT_GB = 2e-3
@@ -165,18 +166,17 @@ def test_a_log_that_a_user_has_given_a_number_is_no_part_of_another_one(tmp_path
 
 
 def test_a_log_that_another_recorder_is_writing_stays_until_that_has_ended(tmp_path: Path) -> None:
-    said: list[str] = []
     written = tmp_path / "left-20261101T000000Z.mcap"
     other = LogWriter(written, make_header())
     later = [sized(tmp_path, f"left-2026110{day}T000000Z.mcap", 900_000) for day in (2, 3)]
     newest = sized(tmp_path, "left-20261104T000000Z.mcap")
-    room(said).make(newest)
+    room([]).make(newest)
     assert names(tmp_path) == [written.name, later[1].name, newest.name]
     other.append(make_rows(10))
     other.close()
     assert read_log(written).rows.size == 10
     sized(tmp_path, "left-20261105T000000Z.mcap", 900_000)
-    room(said).make(newest)
+    room([]).make(newest)
     assert written.name not in names(tmp_path)
 
 
@@ -186,8 +186,33 @@ def test_what_another_recorder_is_writing_takes_no_room_of_what_may_stay(tmp_pat
     with (tmp_path / "left-20261101T000000Z.mcap").open("wb") as written:
         written.write(bytes(5_000_000))
         written.flush()
-        assert lock_alone(written)
+        assert own(written.fileno())
         room([]).make(newest)
     assert kept.exists()
-    assert not is_written(kept)
-    assert not is_written(tmp_path)  # which cannot be opened
+
+
+def test_parts_of_one_recorder_together_never_have_more(tmp_path: Path) -> None:
+    keeps = room([], keep_gb=1e-4)
+    most: list[int] = []
+
+    def begun(path: Path) -> None:
+        keeps.make(path)
+        most.append(sum(file.stat().st_size for file in tmp_path.iterdir() if file != path))
+
+    writer = LogWriter(tmp_path / "left-20261101T000000Z.mcap", make_header(), (), keeps.file_bytes, begun=begun)
+    for chunk in np.array_split(make_rows(20_000), 100):
+        writer.append(chunk)
+        writer.flush()
+    writer.close()
+    assert len(most) > 2 * PARTS
+    assert max(most) <= 100_000 - keeps.file_bytes
+
+
+def test_a_log_that_is_being_written_is_not_begun_by_a_second_recorder(tmp_path: Path) -> None:
+    path = tmp_path / "left.mcap"
+    writer = LogWriter(path, make_header())
+    with pytest.raises(LogError, match="another recorder is writing it"):
+        LogWriter(path, make_header())
+    writer.append(make_rows(10))
+    writer.close()
+    assert read_log(path).rows.size == 10

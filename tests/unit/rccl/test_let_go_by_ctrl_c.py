@@ -11,7 +11,7 @@ from qrobot.rccl.connect import open_channel
 from qrobot.rccl.offline import OfflineLink
 from qrobot.wire import Command, State
 
-LET_GO = "Ctrl-C in the midst of a sample has let go of the arm"
+LET_GO = "an interrupt in the midst of a sample has let go of the arm"
 
 
 class HitLink(OfflineLink):

@@ -136,7 +136,7 @@ def test_a_law_without_an_end_is_refused_and_so_it_is_in_lockstep(tmp_path: Path
 
 @pytest.mark.thorough
 @pytest.mark.skipif(jit_disabled(), reason="plain Python is not timed")
-def test_a_law_that_is_too_slow_for_the_rate_is_refused_and_so_it_is_in_lockstep(tmp_path: Path) -> None:
+def test_a_law_that_is_too_slow_for_the_rate_is_refused_in_lockstep(tmp_path: Path) -> None:
     path = tmp_path / "law_file.py"
     path.write_text(
         HEAD + "@law\ndef mine(q, tau):\n    x = q[0]\n    for k in range(200000):\n        x = x * 0.999 + 1e-3 * k\n"

@@ -189,7 +189,7 @@ def test_two_at_one_sample_let_go_of_the_arm_which_the_next_commands_tell(librar
         with pytest.raises(KeyboardInterrupt):
             run.execute("main")
         for _ in range(2):
-            with pytest.raises(LinkError, match="Ctrl-C in the midst of a sample has let go of the arm"):
+            with pytest.raises(LinkError, match="an interrupt in the midst of a sample has let go of the arm"):
                 run.execute("main")
 
 
