@@ -62,7 +62,7 @@ from tests.support.bench_blocks import (
 START_NS = 1_000_000_000
 RING_ROWS = 16
 FRAME_NS = 28_000_000
-LANES = tuple(Lane)
+NO_WRITES = (OP_REFERENCE, OP_OUTPUTS, OP_ANALOG)
 
 
 class Write(NamedTuple):
@@ -88,7 +88,6 @@ class ServoBench:
         slip: counts added to what an encoder shows, by joint.
         beating: the guardian's heartbeat goes on.
         before: called before every tick with the time, for programs and mishaps.
-        writes: every register write, oldest first.
         references: where the motors are to be, by joint, as last posted.
         outputs: what modules beside the board were told, oldest first.
         analog: what they were told last of analogue outputs, from 0, microvolts.
@@ -153,7 +152,8 @@ class ServoBench:
         self.status: int | None = None
         self.slip: dict[int, int] = {}
         self.before: list[Callable[[int], object]] = []
-        self.writes: list[Write] = []
+        self._writes: list[Write] = []
+        self._untold: list[tuple[int, int, NDArray[np.int64]]] = []
         self.references: dict[int, int] = {}
         self.outputs: list[int] = []
         self.analog: dict[int, int] = {}
@@ -246,27 +246,35 @@ class ServoBench:
         if self.deaf:
             return
         take_lanes(self._board_block, self._operations, self._taken)
-        for lane, taken in zip(LANES, self._taken.tolist(), strict=True):
+        for lane, taken in enumerate(self._taken.tolist()):
             if taken:
-                self._apply(lane, self._operations[lane, :taken].tolist())
+                self._apply(lane, self._operations[lane, :taken].copy())
 
-    def _apply(self, lane: Lane, operations: list[tuple[int, int, int]]) -> None:
-        now_ns, writes, dac = self.now_ns, self.writes, self.dac
-        for kind, offset, value in operations:
+    def _apply(self, lane: int, operations: NDArray[np.int64]) -> None:
+        dac = self.dac
+        self._untold.append((self.now_ns, lane, operations))
+        for kind, offset, value in operations.tolist():
             if kind == OP_REFERENCE:
                 self.references[offset] = value
             elif kind == OP_OUTPUTS:
                 self.outputs.append(value)
             elif kind == OP_ANALOG:
                 self.analog[offset] = value
-            else:
-                writes.append(Write(now_ns, lane, offset, value))
-                if offset == DISCRETE:
-                    self.discrete = value
-                elif offset >= DAC:
-                    dac[(offset - DAC) // 2] = value
+            elif offset == DISCRETE:
+                self.discrete = value
+            elif offset >= DAC:
+                dac[(offset - DAC) // 2] = value
 
     # --------------------------------------------------------------------------------------------- looking at it
+
+    @property
+    def writes(self) -> list[Write]:
+        """Every register write, oldest first. They are told apart when they are asked for: few tests do."""
+        for t_ns, lane, operations in self._untold:
+            told = (each for each in operations.tolist() if each[0] not in NO_WRITES)
+            self._writes += [Write(t_ns, Lane(lane), offset, value) for _, offset, value in told]
+        self._untold.clear()
+        return self._writes
 
     @property
     def mode(self) -> Mode:

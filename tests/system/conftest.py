@@ -1,16 +1,18 @@
-"""The running arm that tests on the wall clock share, and a cache for programs in C."""
+"""The running arm and the pendant that tests on the wall clock share, and a cache for programs in C."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from pathlib import Path
 
 import pytest
 
+from tests.support.pendant_process import Pendant, SharedPendant
 from tests.support.processes import RunningArm
 from tests.support.shared_arm import SharedArm
 
 C_CACHE = Path(__file__).parents[2] / ".pytest_cache" / "libraries of C programs"
+PENDANT = SharedPendant()
 
 
 @pytest.hookimpl(tryfirst=True)
@@ -40,6 +42,20 @@ def arm(shared_arm: SharedArm, parked: None) -> Iterator[RunningArm]:
     """An arm whose processes all run, off and without a fault; so it is again for the next test."""
     yield shared_arm.running()
     shared_arm.put_in_order()
+
+
+@pytest.fixture
+def pendant(shared_arm: SharedArm, parked: None, tmp_path_factory: pytest.TempPathFactory) -> Pendant:
+    """The pendant of that arm. It runs until a test follows that does not want it."""
+    return PENDANT.of(shared_arm.running(), tmp_path_factory)
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_teardown(item: pytest.Item, nextitem: pytest.Item | None) -> Generator[None, object, object]:
+    result = yield
+    if "pendant" not in getattr(nextitem, "fixturenames", ()):
+        PENDANT.close()
+    return result
 
 
 @pytest.fixture(scope="module")

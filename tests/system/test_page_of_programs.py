@@ -6,9 +6,7 @@ import pytest
 
 from tests.support.browser import Page, needs_browser, open_browser
 from tests.support.patience import wait_until
-from tests.system.test_pendant import ONCE, PROGRAM, SOURCE_OF_ONCE, Pendant, pendant
-
-__all__ = ["pendant"]  # the fixture
+from tests.support.pendant_process import ONCE, PROGRAM, SOURCE_OF_ONCE, Pendant
 
 pytestmark = [pytest.mark.realtime, needs_browser]
 

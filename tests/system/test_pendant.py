@@ -2,36 +2,31 @@
 
 from __future__ import annotations
 
-import http.client
 import io
 import os
 import re
 import signal
-import subprocess
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 import pytest
 from PIL import Image
 from selenium.webdriver.common.keys import Keys
-from websockets.exceptions import InvalidStatus
-from websockets.sync.client import connect
 
 from qrobot.config import load_deployment, load_robot
 from qrobot.fences.fence_set import fences_of
 from qrobot.hwif.board_memory import PANEL_MICRO, attach_board_memory
 from qrobot.modecodes import Mode
 from qrobot.model.arm import Arm
-from qrobot.pendant.gate import cookie_name
 from qrobot.pendant.held_press import PATIENCE_S as PRESS_PATIENCE_S
 from qrobot.servo.checks.hold_to_run import PATIENCE_NS
 from qrobot.servo.operator.client import ServoClient
 from qrobot.wire.vocabulary import RobotFlag
 from tests.support.browser import Page, needs_browser, open_browser
-from tests.support.patience import PATIENCE_S, give_time, wait_until
-from tests.support.processes import RunningArm, free_port, qrobot
+from tests.support.patience import give_time, wait_until
+from tests.support.pendant_process import ONCE, PROGRAM, Pendant
+from tests.support.processes import RunningArm
 from tests.support.relay import Relay
 from tests.support.shared_arm import SharedArm
 from tests.support.stall_watch import StreamLostError, unless_stalled
@@ -45,28 +40,6 @@ RESTS_S = 1.25  # a finger on a slider, while the page hears of the arm many tim
 STALL_MS = 700
 PLUS_OF_JOINT_1, PLUS_OF_X = 1, 13  # of the buttons to hold: two a joint, then two an axis
 TABLE = [400.0, 0.0, 0.0, 90.0, 0.0, 0.0]  # its x axis is y of the base
-PROGRAM = "back_and_forth.py"
-SOURCE = """from qrobot import rccl
-
-with rccl.control("puma560") as arm:
-    arm.keep_path()
-    arm.setjvel(0.3)
-    waist, *others = arm.joints
-    while True:
-        for degrees in (-30.0, 0.0):
-            arm.move(arm.jposition("swing", [waist + degrees, *others]))
-            arm.waitfor(arm.completed)
-"""
-ONCE = "once.py"
-SOURCE_OF_ONCE = """from qrobot import rccl
-
-with rccl.control("puma560") as arm:
-    arm.setjvel(0.2)
-    waist, *others = arm.joints
-    for degrees in (-30.0, 0.0):
-        arm.move(arm.jposition("swing", [waist + degrees, *others]))
-    arm.waitfor(arm.completed)
-"""
 THERE_AND_BACK = """
 const ahead = pendant.view.figures[0].ahead, waist = (q) => Float32Array.of(q, 0, 0, 0, 0, 0), left = [];
 const way = Array.from({ length: 201 }, (_, k) => waist(1 - Math.abs(k - 100) / 100));
@@ -113,72 +86,6 @@ pendant.quick = () => {
 };
 """
 ELBOW, LEADING_N_M, LED_RAD, LED_S = 2, 12.0, 0.03, 1.5  # friction holds a PUMA against less
-
-
-FENCES = """
-[arm.fences]
-self_collision = true
-shape = [
-  { name = "bench", shape = "box", size_m = [0.6, 1.2, 0.1], position_m = [0.6, 0.0, -0.35], rpy_deg = [20, 5, 0] },
-  { name = "pole", shape = "cylinder", radius_m = 0.1, length_m = 0.6, position_m = [0.4, 0.5, 0.2], bodies = "links" },
-  { name = "cell", shape = "box", keep = "in", bodies = "tool", size_m = [1.6, 1.8, 2.4] },
-  { name = "window", shape = "plane", position_m = [0.9, 0.0, 0.0], rpy_deg = [0, -90, 0] },
-]
-"""
-
-
-class Pendant:
-    """`qrobot pendant` of two arms, and what its address tells.
-
-    The servo of the first one does not know its fences; the second one is not there.
-    """
-
-    def __init__(self, arm: RunningArm, folder: Path) -> None:
-        self.deployment = folder / "two.toml"
-        table = Path(arm.deployment).read_text()
-        absent = table.replace(arm.name, "absent").replace(str(arm.arm.bridge.port), str(free_port()))
-        self.deployment.write_text(table + FENCES + absent)
-        programs = folder / "programs"
-        programs.mkdir()
-        (programs / PROGRAM).write_text(SOURCE)
-        (programs / ONCE).write_text(SOURCE_OF_ONCE)
-        self.process = qrobot(
-            "pendant", "--deployment", self.deployment, "--port", "0", "--taught", folder / "t.db",
-            "--programs", programs, stderr=subprocess.DEVNULL,
-        )  # fmt: skip
-        assert self.process.stdout is not None
-        self.address = self.process.stdout.readline().strip()
-        self.host, _, query = self.address.removeprefix("http://").partition("/?")
-        token = query.removeprefix("token=")
-        self.cookie = f"{cookie_name(token)}={token}"
-
-    def address_by(self, relay: Relay) -> str:
-        """Its address through something between."""
-        return self.address.replace(self.host, f"127.0.0.1:{relay.port}")
-
-    def status_of(self, path: str, **headers: str) -> int:
-        """Status with which a request is answered."""
-        connection = http.client.HTTPConnection(self.host, timeout=PATIENCE_S)
-        connection.request("GET", path, headers={"Host": self.host, **headers})
-        status = connection.getresponse().status
-        connection.close()
-        return status
-
-    def status_of_socket(self, path: str, origin: str, cookie: str) -> int:
-        """The same of a WebSocket; 101 when it opens."""
-        try:
-            with connect(f"ws://{self.host}{path}", origin=origin, additional_headers={"Cookie": cookie}):  # type: ignore[arg-type]
-                return 101
-        except InvalidStatus as refusal:
-            return refusal.response.status_code
-
-
-@pytest.fixture(scope="module")
-def pendant(shared_arm: SharedArm, parked: None, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Pendant]:
-    pendant = Pendant(shared_arm.running(), tmp_path_factory.mktemp("pendant"))
-    yield pendant
-    pendant.process.send_signal(signal.SIGINT)
-    pendant.process.communicate(timeout=PATIENCE_S)
 
 
 def drive(page: Page) -> None:

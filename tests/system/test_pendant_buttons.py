@@ -6,10 +6,8 @@ import pytest
 
 from tests.support.browser import Page, needs_browser, open_browser
 from tests.support.patience import wait_until
+from tests.support.pendant_process import Pendant
 from tests.support.processes import RunningArm
-from tests.system.test_pendant import Pendant, pendant
-
-__all__ = ["pendant"]  # the fixture
 
 pytestmark = [pytest.mark.realtime, needs_browser]
 

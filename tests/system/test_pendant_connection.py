@@ -7,10 +7,9 @@ from selenium.webdriver.common.keys import Keys
 
 from tests.support.browser import Page, needs_browser, open_browser
 from tests.support.patience import wait_until
+from tests.support.pendant_process import Pendant
 from tests.support.relay import Relay
-from tests.system.test_pendant import Pendant, choose_arm, pendant
-
-__all__ = ["pendant"]  # the fixture
+from tests.system.test_pendant import choose_arm
 
 pytestmark = [pytest.mark.realtime, needs_browser]
 

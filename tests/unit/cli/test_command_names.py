@@ -52,11 +52,19 @@ def options_of(app: App) -> set[str]:
     return {"--help", "--version"} | {name for argument in own for name in argument.names}
 
 
-@pytest.mark.parametrize(("path", "command"), NAMED_IN, ids=lambda value: getattr(value, "name", value))
-def test_every_command_that_a_text_names_exists(path: Path, command: str) -> None:
-    words = shlex.split(command)
-    known = options_of(resolve(APP, words))
-    assert {word.partition("=")[0] for word in words if word.startswith("--")} <= known, path
+def is_command(words: list[str]) -> bool:
+    """There is a command of these words, and it has their options."""
+    try:
+        app = resolve(APP, words)
+    except KeyError:
+        return False
+    options = {word.partition("=")[0] for word in words if word.startswith("--")}
+    return not options or options <= options_of(app)
+
+
+def test_every_command_that_a_text_names_exists() -> None:
+    assert len(NAMED_IN) > 600
+    assert [(str(path), command) for path, command in NAMED_IN if not is_command(shlex.split(command))] == []
 
 
 @pytest.mark.parametrize("code", FaultCode)

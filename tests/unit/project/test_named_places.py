@@ -7,8 +7,6 @@ from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
-import pytest
-
 ROOT = Path(__file__).parents[3]
 FOLDERS = ("qrobot", "tests", "docs", "config", "examples", "benchmarks")
 MADE = ("docs/_build", "docs/api", "qrobot/_config", "qrobot/_examples")  # when something is built
@@ -78,12 +76,12 @@ def missing_programs(text: str) -> Iterator[str]:
             yield name
 
 
-@pytest.mark.parametrize("page", PAGES, ids=page_name)
-def test_what_a_page_names_is_there(page: Path) -> None:
-    text = page.read_text()
-    assert missing_paths(text) == []
-    assert missing_modules(text) == []
-    assert list(missing_programs(text)) == []
+def test_what_a_page_names_is_there() -> None:
+    texts = {page_name(page): page.read_text() for page in PAGES}
+    found = {
+        name: [*missing_paths(text), *missing_modules(text), *missing_programs(text)] for name, text in texts.items()
+    }
+    assert {name: missing for name, missing in found.items() if missing} == {}
 
 
 def test_what_sources_name_is_there() -> None:
