@@ -227,14 +227,14 @@ class RunningArm:
             yield channel
 
     @contextmanager
-    def swinging(self, rad_s: float) -> Iterator[None]:
-        """The same, and it has brought a joint to this speed."""
+    def swinging(self, rad_s: float) -> Iterator[Channel]:
+        """The same, and it has brought a joint to this speed. At the end it goes all its way, unless it is stopped."""
         with self.control() as channel:
             channel.setjvel(LEG_RAD_S)
             for name in ("end", "park"):
                 channel.move(channel.pose(name))
             wait_until(lambda: self._faster_than(rad_s), f"{rad_s} rad/s")
-            yield
+            yield channel
 
     def _faster_than(self, rad_s: float) -> bool:
         snapshot = self.snapshot()

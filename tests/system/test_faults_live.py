@@ -92,8 +92,9 @@ def test_a_fault_on_the_way_takes_torque_and_power_and_a_clear_brings_neither_ba
     arm.wait_for(Mode.OFF)
     assert not arm.powered
     assert np.abs(np.array(arm.encoders())[:3] - before[:3]).max() <= 2
-    with arm.swinging(FAST):
+    with arm.swinging(FAST) as channel:
         assert arm.mode is Mode.TRACKING
+        channel.stop()
 
 
 def _recordings(arm: RunningArm, code: FaultCode) -> set[Path]:

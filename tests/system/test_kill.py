@@ -167,8 +167,8 @@ def assert_refused(arm: RunningArm, program: Path, reason: str) -> None:
 
 
 def assert_the_next_program_works(arm: RunningArm) -> None:
-    with arm.swinging(rad_s=0.1):
-        pass
+    with arm.swinging(rad_s=0.1) as channel:
+        channel.stop()
     arm.wait_for(Mode.HOLDING)
 
 
