@@ -22,6 +22,7 @@ from rich.text import Text
 from qrobot.errors import ConfigError, QRobotError
 from qrobot.extras import missing_extra
 from qrobot.printable import printable
+from qrobot.realtime.compile_progress import COMPILING
 from qrobot.realtime.interrupt import INTERRUPTED
 from qrobot.realtime.signals import SignalledEnd
 from qrobot.whole_file import replace_file
@@ -82,7 +83,7 @@ class EveryTenth:
         """Tell that a kernel is being compiled, when it is the first one or another tenth is done."""
         tenth = number * 10 // of
         if number == 1 or tenth > self._tenth:
-            note(f"compiling kernel {number} of {of}, once for this version on this machine: {name}")
+            note(f"{COMPILING} {number} of {of}, once for this version on this machine: {name}")
         self._tenth = tenth
 
 

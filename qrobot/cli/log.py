@@ -95,6 +95,8 @@ def _facts_or_error(file: Path) -> dict[str, Any]:
 
 def _show_facts(file: Path, facts: dict[str, Any]) -> None:
     del facts["joint_units"]  # the errors have theirs behind them
+    if facts.pop("being_written"):
+        facts["complete"] = "not yet: its recorder still writes it"
     facts["law"] = ", then ".join(facts.pop("laws"))
     facts["events"] = _first_events(facts["events"], file)
     for error in ("max_abs_error", "rms_error"):
@@ -116,6 +118,7 @@ def _facts(log: Log) -> dict[str, Any]:
     from qrobot.log.events import log_events
     from qrobot.log.flight import incidents_of
     from qrobot.log.summary import sensed, tracking_summary, wall_clock
+    from qrobot.realtime.shared_memory import has_owner
 
     header, summary = log.header, tracking_summary(log).to_dict()
     return {
@@ -133,6 +136,7 @@ def _facts(log: Log) -> dict[str, Any]:
         "plant": header.plant,
         "duration_s": float(log.time_s[-1]) if log.rows.size else 0.0,
         "complete": not (log.torn or log.lost),
+        "being_written": log.torn and any(has_owner(path) for path in log.parts),
         "lost_to_damage": [asdict(lost) | {"line": lost.line} for lost in log.lost],
         "disk_errors": log.status.disk_errors,
         "began": wall_clock(log),

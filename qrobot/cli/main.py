@@ -14,7 +14,6 @@ from qrobot.cli.console import EveryTenth, run_app
 from qrobot.cli.help_text import PLAIN_OPTIONS, FlowingHelp
 from qrobot.realtime.compile_progress import tell_compiling
 from qrobot.realtime.runtime_folder import hand_down_folder
-from qrobot.realtime.startup_order import turn_is_awaited
 from qrobot.realtime.supervised import end_with_supervisor
 
 HELP: Final = """
@@ -130,8 +129,7 @@ def main() -> None:
     """Entry point: run the command line and exit with its status."""
     end_with_supervisor()
     hand_down_folder()
-    if not turn_is_awaited():  # of the processes of an arm nobody reads along
-        tell_compiling(EveryTenth())
+    tell_compiling(EveryTenth())
     chosen = next(iter(sys.argv[1:]), "")
     sys.argv[0] = f"qrobot {chosen}".strip()  # how it greets a bridge
     sys.exit(run_app(make_app(chosen), sys.argv[1:], partial(import_command, chosen)))

@@ -87,7 +87,8 @@ def _run(
     from qrobot.rig.deployed import ArmProcesses
     from qrobot.rig.processes import ProcessRig
 
-    with QueuedReport(note) as told, ProcessRig(out_dir, starter) as rig:  # no line may keep them from being ended
+    # A queue of lines: none may keep the processes from being ended.
+    with QueuedReport(note) as told, ProcessRig(out_dir, starter, told) as rig:
         look = _looks(rig, told)
         if advice := lasting_advice(runtime_path()):
             told(advice)

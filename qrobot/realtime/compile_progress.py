@@ -7,6 +7,8 @@ from collections.abc import Callable
 from typing import Final
 
 CompileListener = Callable[[str, int, int], None]  # name, the how-manieth, of how many
+COMPILING: Final = "compiling kernel"
+"""How a line begins that a process prints of it."""
 SHORT: Final = 20  # kernels; what takes a second or two is not told
 
 _listeners: Final[list[CompileListener]] = []

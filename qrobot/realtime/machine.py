@@ -101,12 +101,14 @@ def look_at_quota(root: Path = ROOT) -> SetupStep:
 
 
 def look_at_limits() -> SetupStep:
-    """Read the limits of an unprivileged user; root needs neither."""
+    """Read the limits of an unprivileged user. Root has none; a container may forbid it all the same (`set_fifo`)."""
     name = "limits"
+    if os.geteuid() == 0:
+        return SetupStep(name, True, "none for root")
     rtprio, memlock = (resource.getrlimit(which)[0] for which in (resource.RLIMIT_RTPRIO, resource.RLIMIT_MEMLOCK))
     unlimited = memlock == resource.RLIM_INFINITY
     detail = f"rtprio {rtprio}, memlock {'unlimited' if unlimited else f'{memlock // 1024} kB'}"
-    good = os.geteuid() == 0 or (rtprio >= 80 and unlimited)
+    good = rtprio >= 80 and unlimited
     remedy = (
         "put '@realtime - rtprio 90' and '@realtime - memlock unlimited' in /etc/security/limits.d, join that group"
     )

@@ -23,10 +23,12 @@ from typing import IO
 
 from qrobot.errors import LinkBusy, LinkError, LinkTimeout, QRobotError
 from qrobot.hwif.board_memory import attach_board_memory
+from qrobot.realtime.compile_progress import COMPILING
 from qrobot.realtime.file_lock import lock_alone
 from qrobot.realtime.shared_memory import SharedMemory, discard_dead
 from qrobot.realtime.startup_order import TURN_VARIABLE
 from qrobot.realtime.supervised import SUPERVISOR_VARIABLE, Supervision
+from qrobot.report import Report
 from qrobot.rig.interrupts import interrupted_by_signals, interrupts_deferred, interrupts_ignored
 from qrobot.rig.process_starter import ProcessStarter, Started
 from qrobot.servo.memory.servo_memory import PLACE_LAYOUT, ServoFront, attach_servo_memory, guardian_place
@@ -85,6 +87,11 @@ class Child:
                 return lines[-1].removeprefix("qrobot: ")
         return "it said nothing"
 
+    def compiling(self) -> str:
+        """Line about what it compiles, if that is what it said last; else nothing."""
+        said = self.complaint()
+        return said if said.startswith(COMPILING) else ""
+
     def begin(self) -> None:
         """Let it go on, once it is ready, to what others can see."""
         with contextlib.suppress(BrokenPipeError), self.turn:  # what became of it, if it has ended, its output tells
@@ -112,9 +119,12 @@ class ProcessRig:
     Args:
         directory: for their output.
         starter: starts them, for several rigs one after the other; None for one of this rig alone.
+        told: of what a process compiles that is waited for.
     """
 
-    def __init__(self, directory: Path, starter: ProcessStarter | None = None) -> None:
+    def __init__(
+        self, directory: Path, starter: ProcessStarter | None = None, told: Report = lambda _line: None
+    ) -> None:
         self.directory = directory
         self.children: dict[str, Child] = {}
         self._outputs: dict[str, IO[bytes]] = {}
@@ -122,6 +132,7 @@ class ProcessRig:
         self._supervision = Supervision()
         self._starter = starter or ProcessStarter()
         self._owns_starter = starter is None
+        self._told = told
         directory.mkdir(parents=True, exist_ok=True)
 
     def start(self, *plans: ProcessPlan) -> None:
@@ -146,7 +157,7 @@ class ProcessRig:
         for plan in plans:
             self.children[plan.name].begin()
             if plan.ready is not None:
-                _wait_for(self.children[plan.name], plan.ready)
+                _wait_for(self.children[plan.name], plan.ready, self._told)
 
     def restart(self, name: str) -> None:
         """Start again a child that has ended, and do not wait for it: those it needs are there."""
@@ -217,8 +228,8 @@ class ProcessRig:
             self.close()
 
 
-def _wait_for(child: Child, ready: Callable[[int], bool]) -> None:
-    deadline = time.monotonic() + START_PATIENCE_S
+def _wait_for(child: Child, ready: Callable[[int], bool], told: Report) -> None:
+    deadline, compiling = time.monotonic() + START_PATIENCE_S, ""
     while True:
         is_ready = ready(child.process.pid)
         if not child.alive:  # also when something is ready: then it is another's
@@ -227,6 +238,9 @@ def _wait_for(child: Child, ready: Callable[[int], bool]) -> None:
             return
         if time.monotonic() > deadline:
             raise LinkTimeout(f"{child.name} was not ready within {START_PATIENCE_S:.0f} s: {child.complaint()}")
+        if (compiles := child.compiling()) not in ("", compiling):
+            compiling = compiles
+            told(f"{child.name}: {compiles}")
         time.sleep(POLL_S)
 
 

@@ -321,6 +321,7 @@ def off(cell: Cell, holder: int, since: int, until: int) -> float:
     return float(np.abs(np.array(held) - held[0]).max())
 
 
+@pytest.mark.sampled(14)
 @pytest.mark.parametrize("end", ENDS)
 @pytest.mark.parametrize("carried", [*WITH_THE_OBJECT, *WITH_AN_ARM])
 def test_what_holds_something_with_others_stays_with_it_until_that_rests(carried: Carried, end: End) -> None:

@@ -58,6 +58,7 @@ def test_a_cable_that_comes_off_costs_the_power_within_five_degrees(case: Case) 
     assert result.seconds <= _soonest(case)
 
 
+@pytest.mark.sampled(12)
 @pytest.mark.parametrize("case", every(False, False), ids=str)
 def test_without_a_calibration_table_the_potentiometers_see_it_at_rest_all_the_same(case: Case) -> None:
     result = run_case(case)
@@ -74,6 +75,7 @@ def test_nor_is_a_table_needed_on_the_way(case: Case) -> None:
     assert result.seconds <= _soonest(case)
 
 
+@pytest.mark.sampled(12)
 @pytest.mark.parametrize("case", every(moving=True, table=False), ids=str)
 def test_without_potentiometers_it_is_found_by_the_torque_since_the_last_count(case: Case) -> None:
     result = run_case(case, pots=False)

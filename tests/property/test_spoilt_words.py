@@ -58,7 +58,7 @@ def test_a_reader_refuses_what_contradicts_the_memory_and_the_loop_does_not_look
     assert rows["tick"].tolist() == [7]
 
 
-@pytest.mark.sampled(6)
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("counter", ["", "payloads"])
 @pytest.mark.parametrize("value", NONSENSE)
 def test_whatever_another_has_written_the_loop_keeps_its_torques_and_its_reference_within_their_limits(

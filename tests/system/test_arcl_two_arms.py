@@ -99,6 +99,7 @@ def test_a_function_of_one_arm_cannot_wait_for_another_one(call: str) -> None:
     assert said.startswith("both moved a function that is called at each sample must not wait")
 
 
+@pytest.mark.thorough
 @needs_compiler
 def test_functions_of_two_arms_in_c_tell_each_other_something(tmp_path: Path) -> None:
     (tmp_path / "two_arms.c").write_text(IN_C)

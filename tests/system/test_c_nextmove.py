@@ -102,6 +102,7 @@ def expect_codes(who: str, capfd: pytest.CaptureFixture[str]) -> None:
     assert (older, younger) == (("7", "-1") if who == "o" else ("-1", "7"))
 
 
+@pytest.mark.sampled(6)
 @pytest.mark.parametrize(("who", "guarded"), CASES.values(), ids=CASES)
 def test_nextmove_ends_the_younger_motion_unless_the_function_of_the_older_sets_it(
     who: str, guarded: str, one_arm: Path, capfd
@@ -111,6 +112,7 @@ def test_nextmove_ends_the_younger_motion_unless_the_function_of_the_older_sets_
     expect_codes(who, capfd)
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize(("who", "guarded"), OF_MANIPULATORS.values(), ids=OF_MANIPULATORS)
 def test_nextmove_of_a_manipulator_ends_its_younger_motion_likewise(
     who: str, guarded: str, manipulator: Path, capfd

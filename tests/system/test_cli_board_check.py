@@ -60,6 +60,7 @@ def test_a_script_gets_every_finding_and_the_board_is_left_safe(server: Emulated
     assert (server.emulator.bundle.board.dac == DAC_ZERO).all()
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("number", [signal.SIGHUP, signal.SIGTERM])
 def test_a_walk_that_is_ended_in_the_middle_of_a_push_leaves_the_board_safe(
     server: EmulatedBoardServer, deployment: Path, number: signal.Signals

@@ -106,6 +106,7 @@ def test_ctrl_c_ends_a_demo_in_lockstep(tmp_path: Path, run: int) -> None:
     assert "Traceback" not in said
 
 
+@pytest.mark.thorough
 @pytest.mark.skipif(jit_disabled(), reason="plain Python hears Ctrl-C in any loop")
 def test_ctrl_c_ends_a_demo_whose_law_never_comes_back(tmp_path: Path) -> None:
     (tmp_path / "my_laws.py").write_text(HANGING)

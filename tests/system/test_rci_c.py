@@ -618,6 +618,7 @@ def test_a_robot_on_virtual_time_without_a_relay_is_refused(make: Make) -> None:
     assert (done.returncode, "`qrobot run --offline`" in done.stderr) == (1, True)
 
 
+@pytest.mark.thorough
 @pytest.mark.realtime
 @needs_valgrind
 def test_tasks_of_several_processors_in_real_time_leave_nothing_to_find(make: Make) -> None:

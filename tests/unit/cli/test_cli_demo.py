@@ -148,19 +148,22 @@ def test_a_stop_that_somebody_asks_for_after_a_warning_is_no_fault() -> None:
     assert _result(ExperimentRun(1000), log, 1.0).fault == ""
 
 
-def result_with(law: str, error: float, made_again: str = "") -> Result:
+def result_with(law: str, error: float, made_again: str = "", rate_hz: int = 1000) -> Result:
     rows = log_of_a_fault().rows
     rows["q_ref"], rows["fault"] = rows["q"] + error, 0
     log = Log(Path(f"{law}.mcap"), header_for(load_robot("puma560"), PERIOD_NS, law), rows)
-    return Result(ExperimentRun(1000, "realtime", law=law), log, tracking_summary(log), 1.0, "", made_again=made_again)
+    return Result(
+        ExperimentRun(rate_hz, "realtime", law=law), log, tracking_summary(log), 1.0, "", made_again=made_again
+    )
 
 
-def test_the_errors_of_the_first_run_are_drawn_and_those_of_pd_below(
+def test_the_errors_of_the_run_that_pd_is_compared_with_are_drawn_and_those_of_pd_below(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     figures: dict[str, Figure] = {}
     monkeypatch.setattr("qrobot.log.plot.save_figure", lambda figure, path: figures.update({path.stem: figure}))
-    _draw([result_with("qrobot", 0.003), result_with("qrobot", 0.1), result_with("pd", -0.018)], tmp_path)
+    others = result_with("qrobot", 0.2, rate_hz=4000), result_with("qrobot", 0.003), result_with("qrobot", 0.1)
+    _draw([*others, result_with("pd", -0.018)], tmp_path)
     first, pd = figures["errors"].axes
     assert (first.get_title(loc="left"), pd.get_title(loc="left")) == (
         "Position tracking error, law qrobot",
@@ -168,8 +171,10 @@ def test_the_errors_of_the_first_run_are_drawn_and_those_of_pd_below(
     )
     assert [line.get_ydata()[0] for line in (first.lines[0], pd.lines[0])] == pytest.approx([0.003, -0.018])
     assert first.get_ylim() == pd.get_ylim()
-    _draw([result_with("pd", -0.018), result_with("pd", 0.1)], tmp_path)
-    assert len(figures["errors"].axes) == 1
+    for no_pair in (["pd", "pd"], ["qrobot", "qrobot"]):
+        _draw([result_with(law, 0.018 * number) for number, law in enumerate(no_pair, 1)], tmp_path)
+        (alone,) = figures["errors"].axes
+        assert alone.lines[0].get_ydata()[0] == pytest.approx(0.018)
 
 
 def test_a_run_that_was_made_again_stays_in_what_the_demo_tells(

@@ -111,6 +111,21 @@ def test_info_of_a_damaged_log_says_that_it_is_not_complete(
     assert [lost["cycles"] for lost in facts["lost_to_damage"]] == [ROWS]
 
 
+def test_info_of_a_log_that_is_being_written_says_so(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    writer = LogWriter(tmp_path / "now.mcap", make_header())
+    writer.append(make_rows(100))
+    writer.flush()
+    words = ["log", "info", str(writer.path)]
+    assert run_app(make_app(), words) == 0
+    assert "complete not yet: its recorder still writes it" in " ".join(capsys.readouterr().out.split())
+    assert run_app(make_app(), [*words, "--json"]) == 0
+    facts = json.loads(capsys.readouterr().out)
+    assert (facts["complete"], facts["being_written"], facts["cycles"]) == (False, True, 100)
+    writer.close()
+    assert run_app(make_app(), words) == 0
+    assert "complete yes" in " ".join(capsys.readouterr().out.split())
+
+
 def test_a_log_of_which_nothing_is_left_is_a_failure(log_file: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert run_app(make_app(), ["log", "info", str(damaged(log_file))]) == 1
     assert "is damaged, and no cycle can be read" in capsys.readouterr().err

@@ -10,16 +10,27 @@ import subprocess
 import sys
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Final
+from types import SimpleNamespace
+from typing import IO, Final, cast
 
 import pytest
 
 from qrobot.config.deployment import load_deployment
 from qrobot.errors import LinkBusy
 from qrobot.hwif.board_memory import create_board_memory
+from qrobot.realtime.compile_progress import COMPILING
 from qrobot.realtime.shared_memory import HEADER_WORDS, SharedMemory
 from qrobot.rig.deployed import require_free_port
-from qrobot.rig.processes import ProcessPlan, ProcessRig, board_ready, guardian_ready, servo_ready
+from qrobot.rig.process_starter import Started
+from qrobot.rig.processes import (
+    Child,
+    ProcessPlan,
+    ProcessRig,
+    _wait_for,
+    board_ready,
+    guardian_ready,
+    servo_ready,
+)
 from qrobot.servo.memory.servo_memory import PLACE_LAYOUT, create_servo_memory, guardian_place
 from tests.support.processes import shared_starter, write_deployment
 
@@ -75,6 +86,24 @@ def test_what_another_rig_has_begun_is_not_begun_beside_it_and_keeps_its_output(
         assert "its words" in first.children["board"].output.read_text()
     with ProcessRig(tmp_path, shared_starter()) as third:
         third.start(plan)
+
+
+@pytest.mark.realtime
+def test_who_waits_for_a_process_hears_what_that_compiles_each_line_once(tmp_path: Path) -> None:
+    """A process prints it among other lines, and what it says later is its own matter."""
+    output, told = tmp_path / "board.txt", list[str]()
+    lives = cast("Started", SimpleNamespace(pid=os.getpid(), poll=lambda: None))
+    child = Child(ProcessPlan("board", ["board"]), lives, output, cast("IO[bytes]", None))
+    first, second = f"{COMPILING} 1 of 40, once: a", f"{COMPILING} 5 of 40, once: b"
+    prints = iter(["", f"qrobot: {first}\n", f"hello\n{first}\n", f"{first}\n{second}\n", "ready\n"])
+
+    def ready(_pid: int) -> bool:
+        text = next(prints, None)
+        output.write_text(text or "")
+        return text is None
+
+    _wait_for(child, ready, told.append)
+    assert told == [f"board: {first}", f"board: {second}"]
 
 
 @pytest.mark.parametrize("number", [errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP])
