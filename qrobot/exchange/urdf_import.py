@@ -47,6 +47,7 @@ _DIGITS: Final = 12
 _BORROWED: Final = "[A] as on "
 _FARTHEST: Final = 1e9  # counts that an offset takes away
 _FILLED: Final = 0.95  # of a counter, by encoders made up [A]
+_ROUNDED: Final = (1e-12, 2e-3)  # rad off a right angle: beyond what numbers of 64 bits cost, up to 3.14 for pi [A]
 _SLANTED: Final = 1e-6  # kg m2: inertia off the axes below which nothing is said [A]
 
 
@@ -107,6 +108,7 @@ def _told(chain: SerialChain, path: Path) -> _Told:
     )
     rows = denavit_hartenberg([link.T_previous_joint for link in chain.links], chain.T_last_tip)
     _tell_base(told, chain.T_root_base, rows.T_base_0)
+    _note_rounded(told, chain.links)
     _tell_geometry(told, rows, inverse(rows.T_joint_frame[-1]) @ chain.T_last_tip)
     _tell_limits(told, chain.links)
     _tell_links(told, chain.links, rows.T_joint_frame)
@@ -138,6 +140,19 @@ def _tell_base(told: _Told, T_root_base: Floats, T_base_0: Floats) -> None:
     aside, turn = left[:3, 3], so3_log(left[:3, :3])
     if np.abs(aside).max() > _OFF or np.abs(turn).max() > _OFF:
         told.notes.append(f"frame 0 of the arm is {_place(aside, turn)} from the root link at that height")
+
+
+def _note_rounded(told: _Told, links: tuple[ChainLink, ...]) -> None:
+    """Tell as a note which joints are turned against the one before by right angles that somebody has rounded."""
+    turns = {link.joint.name: link.T_previous_joint[:3, :3] for link in links}
+    off = {name: float(np.abs(R - np.rint(R)).max()) for name, R in turns.items()}
+    rounded = [name for name, angle in off.items() if _ROUNDED[0] < angle < _ROUNDED[1]]
+    if rounded:
+        most = max(off[name] for name in rounded)
+        told.notes.append(
+            f"{', '.join(rounded)}: turned by right angles to within {most:.1g} rad: axes that should meet or be "
+            "parallel are not, and the arm has no closed-form inverse; write 1.5707963267948966 for 1.5708"
+        )
 
 
 def _note_tip(told: _Told, T_last_tip: Floats) -> None:

@@ -88,6 +88,25 @@ def test_an_exported_arm_comes_back_with_the_same_geometry_ranges_and_links(name
     assert back.joint_names == robot.joint_names
 
 
+@pytest.mark.parametrize("digits", [2, 4, 9])
+@pytest.mark.parametrize("name", ROBOTS)
+def test_right_angles_that_somebody_has_rounded_are_named(name: str, digits: int, tmp_path: Path) -> None:
+    """They cost the closed form, and nothing else tells; what is exact, or no right angle at all, is passed over."""
+    robot, path = load_robot(name), tmp_path / "arm.urdf"
+    text = urdf_text(robot)
+    path.write_text(text)
+    exact = import_urdf(path, like=name)
+    assert not any("right angles" in told for told in exact.notes)
+    angles = re.compile(r'(?<=rpy=")[^"]*')
+    shorter = lambda found: " ".join(f"{float(each):.{digits}f}" for each in found[0].split())  # noqa: E731
+    path.write_text(angles.sub(shorter, text))
+    (told,) = [told for told in import_urdf(path, like=name).notes if "right angles" in told]
+    turned = [joint for joint, alpha in zip(robot.joints.names, robot.geometry.alpha_rad, strict=True) if alpha]
+    assert told.startswith(f"{', '.join(turned)}: turned by right angles to within ")
+    path.write_text(angles.sub("0.3 0.2 0.1", text))
+    assert not any("right angles" in told for told in import_urdf(path, like=name).notes)
+
+
 def arbitrary_urdf(seed: int) -> str:
     """An arm of three to seven joints with axes and frames anywhere, things bolted on, and a fixed foot."""
     draw = np.random.default_rng(seed)
