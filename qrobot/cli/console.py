@@ -10,6 +10,7 @@ import shutil
 import sys
 import sysconfig
 from collections.abc import Callable, Collection, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, Final, TextIO
 
@@ -83,7 +84,8 @@ class EveryTenth:
         """Tell that a kernel is being compiled, when it is the first one or another tenth is done."""
         tenth = number * 10 // of
         if number == 1 or tenth > self._tenth:
-            note(f"{COMPILING} {number} of {of}, once for this version on this machine: {name}")
+            with suppress(OSError):  # of a full disk behind a process's output, in the middle of its start
+                note(f"{COMPILING} {number} of {of}, once for this version on this machine: {name}")
         self._tenth = tenth
 
 

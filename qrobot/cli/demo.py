@@ -28,7 +28,7 @@ _PUNCTUALITY: Final = (
     "all began at most"
 )
 _UNBOUNDED: Final = (
-    "runs on the wall clock must not fault; their errors have no bound: they grow with the late cycles of this machine"
+    "runs on the wall clock must not fault; no bound is set to their errors: they grow with late cycles of this machine"
 )
 COMPARED_LAW: Final = "pd"
 """Which the paper compares its own with."""
@@ -148,13 +148,14 @@ def _run_on_the_wall_clock(
     from qrobot.rig.experiment import run_realtime
     from qrobot.rig.processes import ProcessRig
 
-    results = []
-    with ProcessRig(directory / "processes", told=progress) as rig:
+    results, doing = [], "starting the board (a first start compiles for half a minute or more)"
+    with ProcessRig(directory / "processes", told=lambda line: progress(f"{doing}; {line}")) as rig:
         processes = ArmProcesses(rig, deployment, choose_arm(deployment, None))
-        progress("starting the board (a first start compiles for half a minute or more)")
+        progress(doing)
         processes.start("board", "bridge")
         for number, run in enumerate(runs, 1):
-            progress(f"run {number} of {of}: {_describe(run)}")
+            doing = f"run {number} of {of}: {_describe(run)}"
+            progress(doing)
             results.append(_tried_twice(partial(run_realtime, run, processes, directory), note))
     return results
 

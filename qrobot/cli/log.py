@@ -65,7 +65,7 @@ def info(*files: Path, json: bool = False) -> None:
     """
     first, *others = first_parts(files)
     if not others:
-        facts = _facts(read_and_warn(first))
+        facts = _facts(*_read_now(first))
         write_json(facts) if json else _show_facts(first, facts)
         return
     found = [(file, _facts_or_error(file)) for file in (first, *others)]
@@ -88,14 +88,14 @@ def _show_all(found: list[tuple[Path, dict[str, Any]]]) -> None:
 
 def _facts_or_error(file: Path) -> dict[str, Any]:
     try:
-        return _facts(read_and_warn(file))
+        return _facts(*_read_now(file))
     except LogError as error:
         return {"files": [str(file)], "error": str(error)}
 
 
 def _show_facts(file: Path, facts: dict[str, Any]) -> None:
     del facts["joint_units"]  # the errors have theirs behind them
-    if facts.pop("being_written"):
+    if facts.pop("being_written") and not facts["lost_to_damage"]:
         facts["complete"] = "not yet: its recorder still writes it"
     facts["law"] = ", then ".join(facts.pop("laws"))
     facts["events"] = _first_events(facts["events"], file)
@@ -113,12 +113,21 @@ def _milli(errors: list[float | None]) -> str:
     return " ".join(told) + "  mrad (mm on a sliding joint)"
 
 
-def _facts(log: Log) -> dict[str, Any]:
+def _read_now(first: Path) -> tuple[Log, bool]:
+    """A log, and whether its recorder still writes it; one whose recorder has just ended is read to its end."""
+    from qrobot.log.read import read_log
+    from qrobot.realtime.shared_memory import has_owner
+
+    log = read_and_warn(first)
+    being_written = log.torn and any(has_owner(path) for path in log.parts)
+    return (read_log(first) if log.torn and not being_written else log), being_written
+
+
+def _facts(log: Log, being_written: bool) -> dict[str, Any]:
     from qrobot.faultcodes import explain
     from qrobot.log.events import log_events
     from qrobot.log.flight import incidents_of
     from qrobot.log.summary import sensed, tracking_summary, wall_clock
-    from qrobot.realtime.shared_memory import has_owner
 
     header, summary = log.header, tracking_summary(log).to_dict()
     return {
@@ -136,7 +145,7 @@ def _facts(log: Log) -> dict[str, Any]:
         "plant": header.plant,
         "duration_s": float(log.time_s[-1]) if log.rows.size else 0.0,
         "complete": not (log.torn or log.lost),
-        "being_written": log.torn and any(has_owner(path) for path in log.parts),
+        "being_written": being_written,
         "lost_to_damage": [asdict(lost) | {"line": lost.line} for lost in log.lost],
         "disk_errors": log.status.disk_errors,
         "began": wall_clock(log),

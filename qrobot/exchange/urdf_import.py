@@ -96,7 +96,10 @@ def import_urdf(path: Path, tip: str | None = None, like: str | None = None, bes
         _fit_thresholds(document.get("guard", {}))
     _complete_poses(document, told.notes)
     _fit_counters(document, told.notes)
-    return Imported(_robot(document, path, like), document, tuple(told.notes))
+    robot = _robot(document, path, like)
+    if robot.geometry.family == "generic" and "geometry" not in own:
+        told.notes.extend(_rounded_angles(document, chain, path.name))
+    return Imported(robot, document, tuple(told.notes))
 
 
 def _told(chain: SerialChain, path: Path) -> _Told:
@@ -108,7 +111,6 @@ def _told(chain: SerialChain, path: Path) -> _Told:
     )
     rows = denavit_hartenberg([link.T_previous_joint for link in chain.links], chain.T_last_tip)
     _tell_base(told, chain.T_root_base, rows.T_base_0)
-    _note_rounded(told, chain.links)
     _tell_geometry(told, rows, inverse(rows.T_joint_frame[-1]) @ chain.T_last_tip)
     _tell_limits(told, chain.links)
     _tell_links(told, chain.links, rows.T_joint_frame)
@@ -120,13 +122,39 @@ def _told(chain: SerialChain, path: Path) -> _Told:
 
 def _tell_geometry(told: _Told, rows: DenavitHartenberg, T_last_tip: Floats) -> None:
     source = f"{told.source}: common normals of its axes, modified DH"
-    told.tell("geometry", "alpha_deg", _plain(rows.alpha * DEG_PER_RAD), source)
-    told.tell("geometry", "a_m", _plain(rows.a), source)
-    told.tell("geometry", "d_m", _plain(rows.d), source)
-    told.tell("geometry", "theta_deg", _plain(rows.theta * DEG_PER_RAD), source)
+    for key, values in _row_values(rows).items():
+        told.tell("geometry", key, values, source)
     told.tell("geometry", "flange_m", _plain(T_last_tip[2, 3]), f"{told.source}: the tip along the last axis")
     told.tell("geometry", "family", "generic", "what its geometry allows")
     _note_tip(told, T_last_tip)
+
+
+def _row_values(rows: DenavitHartenberg) -> Document:
+    """Rows as a robot file has them."""
+    angles = {"alpha_deg": rows.alpha * DEG_PER_RAD, "theta_deg": rows.theta * DEG_PER_RAD}
+    return {key: _plain(values) for key, values in (angles | {"a_m": rows.a, "d_m": rows.d}).items()}
+
+
+def _rounded_angles(document: Document, chain: SerialChain, label: str) -> list[str]:
+    """Note about right angles of joints that somebody has rounded, where exact ones give a closed-form inverse."""
+    turns = {link.joint.name: link.T_previous_joint for link in chain.links}
+    off = {name: float(np.abs(T[:3, :3] - np.rint(T[:3, :3])).max()) for name, T in turns.items()}
+    rounded = [name for name, angle in off.items() if _ROUNDED[0] < angle < _ROUNDED[1]]
+    rows = denavit_hartenberg([_squared(T) for T in turns.values()], _squared(chain.T_last_tip))
+    exact = robot_of(document | {"geometry": document["geometry"] | _row_values(rows)}, label)
+    family = closed_form_family(exact)
+    if not rounded or family == "generic":
+        return []
+    return [
+        f"{', '.join(rounded)}: right angles to within {max(off[name] for name in rounded):.1g} rad; if they were "
+        f"rounded, write 1.5707963267948966 for 1.5708: the arm then has the closed-form inverse of family {family!r}"
+    ]
+
+
+def _squared(T: Floats) -> Floats:
+    """A frame turned by exact right angles where it is nearly so. Shapes (4, 4)."""
+    R = np.rint(T[:3, :3])
+    return transform(R, T[:3, 3]) if np.abs(T[:3, :3] - R).max() < _ROUNDED[1] else T
 
 
 def _tell_base(told: _Told, T_root_base: Floats, T_base_0: Floats) -> None:
@@ -140,19 +168,6 @@ def _tell_base(told: _Told, T_root_base: Floats, T_base_0: Floats) -> None:
     aside, turn = left[:3, 3], so3_log(left[:3, :3])
     if np.abs(aside).max() > _OFF or np.abs(turn).max() > _OFF:
         told.notes.append(f"frame 0 of the arm is {_place(aside, turn)} from the root link at that height")
-
-
-def _note_rounded(told: _Told, links: tuple[ChainLink, ...]) -> None:
-    """Tell as a note which joints are turned against the one before by right angles that somebody has rounded."""
-    turns = {link.joint.name: link.T_previous_joint[:3, :3] for link in links}
-    off = {name: float(np.abs(R - np.rint(R)).max()) for name, R in turns.items()}
-    rounded = [name for name, angle in off.items() if _ROUNDED[0] < angle < _ROUNDED[1]]
-    if rounded:
-        most = max(off[name] for name in rounded)
-        told.notes.append(
-            f"{', '.join(rounded)}: turned by right angles to within {most:.1g} rad: axes that should meet or be "
-            "parallel are not, and the arm has no closed-form inverse; write 1.5707963267948966 for 1.5708"
-        )
 
 
 def _note_tip(told: _Told, T_last_tip: Floats) -> None:

@@ -82,15 +82,21 @@ class Child:
     def complaint(self) -> str:
         """The last lines it printed, for an error message."""
         with contextlib.suppress(OSError):
-            lines = [line for line in self.output.read_text(errors="replace").splitlines() if line.strip()]
+            lines = [line for line in self._lines() if not line.startswith(COMPILING)]
             if lines:
-                return lines[-1].removeprefix("qrobot: ")
+                return lines[-1]
         return "it said nothing"
 
     def compiling(self) -> str:
         """Line about what it compiles, if that is what it said last; else nothing."""
-        said = self.complaint()
-        return said if said.startswith(COMPILING) else ""
+        with contextlib.suppress(OSError):
+            last = next(reversed(self._lines()), "")
+            return last if last.startswith(COMPILING) else ""
+        return ""
+
+    def _lines(self) -> list[str]:
+        lines = self.output.read_text(errors="replace").splitlines()
+        return [line.removeprefix("qrobot: ") for line in lines if line.strip()]
 
     def begin(self) -> None:
         """Let it go on, once it is ready, to what others can see."""
@@ -229,12 +235,15 @@ class ProcessRig:
 
 
 def _wait_for(child: Child, ready: Callable[[int], bool], told: Report) -> None:
-    deadline, compiling = time.monotonic() + START_PATIENCE_S, ""
+    deadline, before = time.monotonic() + START_PATIENCE_S, child.compiling()  # as it waited for its turn
+    compiling = before
     while True:
         is_ready = ready(child.process.pid)
         if not child.alive:  # also when something is ready: then it is another's
             raise LinkError(f"{child.name} did not start: {child.complaint()}")
         if is_ready:
+            if compiling != before:
+                told(f"{child.name} is ready")
             return
         if time.monotonic() > deadline:
             raise LinkTimeout(f"{child.name} was not ready within {START_PATIENCE_S:.0f} s: {child.complaint()}")

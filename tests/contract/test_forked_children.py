@@ -97,7 +97,7 @@ def begun(program: str, *words: str, robot: FakeRobot | None = None) -> Iterator
                 process.kill()
 
 
-@pytest.mark.sampled(1)
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     ("program", "words"), [(IN_RCCL, ["host"]), (IN_RCCL, ["aux"]), (IN_ARCL, [])], ids=["rccl", "rccl aux", "arcl"]
 )

@@ -102,7 +102,7 @@ class Pendant:
 
 
 class SharedPendant:
-    """Starts when it is first asked for, and anew where the arm is another one: that of before was given up."""
+    """Starts when it is first asked for, and anew when it has died or the arm is another one than before."""
 
     def __init__(self) -> None:
         self._pendant: Pendant | None = None
@@ -110,7 +110,7 @@ class SharedPendant:
 
     def of(self, arm: RunningArm, folders: pytest.TempPathFactory) -> Pendant:
         """The pendant of an arm; it keeps its files in a folder of its own."""
-        if self._pendant is None or self._arm is not arm:
+        if self._pendant is None or self._arm is not arm or self._pendant.process.poll() is not None:
             self.close()
             self._pendant, self._arm = Pendant(arm, folders.mktemp("pendant")), arm
         return self._pendant

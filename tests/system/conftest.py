@@ -12,7 +12,7 @@ from tests.support.processes import RunningArm
 from tests.support.shared_arm import SharedArm
 
 C_CACHE = Path(__file__).parents[2] / ".pytest_cache" / "libraries of C programs"
-PENDANT = SharedPendant()
+PENDANT = pytest.StashKey[SharedPendant]()
 
 
 @pytest.hookimpl(tryfirst=True)
@@ -44,18 +44,29 @@ def arm(shared_arm: SharedArm, parked: None) -> Iterator[RunningArm]:
     shared_arm.put_in_order()
 
 
+@pytest.fixture(scope="session")
+def shared_pendant(shared_arm: SharedArm, request: pytest.FixtureRequest) -> Iterator[SharedPendant]:
+    """It ends before that arm does."""
+    shared = request.config.stash[PENDANT] = SharedPendant()
+    yield shared
+    shared.close()
+
+
 @pytest.fixture
-def pendant(shared_arm: SharedArm, parked: None, tmp_path_factory: pytest.TempPathFactory) -> Pendant:
+def pendant(
+    shared_arm: SharedArm, shared_pendant: SharedPendant, parked: None, tmp_path_factory: pytest.TempPathFactory
+) -> Pendant:
     """The pendant of that arm. It runs until a test follows that does not want it."""
-    return PENDANT.of(shared_arm.running(), tmp_path_factory)
+    return shared_pendant.of(shared_arm.running(), tmp_path_factory)
 
 
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_teardown(item: pytest.Item, nextitem: pytest.Item | None) -> Generator[None, object, object]:
-    result = yield
-    if "pendant" not in getattr(nextitem, "fixturenames", ()):
-        PENDANT.close()
-    return result
+    try:
+        return (yield)
+    finally:
+        if "pendant" not in getattr(nextitem, "fixturenames", ()) and PENDANT in item.config.stash:
+            item.config.stash[PENDANT].close()
 
 
 @pytest.fixture(scope="module")

@@ -47,3 +47,4 @@ def test_the_source_on_the_page_follows_an_editor_and_what_was_to_be_confirmed_g
         page.run("window.answer()")
         wait_until(lambda: page.run(CAN_START), "it can be started")
         assert page.shows("#source", "while True")
+    file.write_text(SOURCE_OF_ONCE)  # for whoever runs it behind this test

@@ -199,7 +199,6 @@ def test_up_ends_the_rest_when_one_process_dies_and_says_which(up: Up) -> None:
     assert left_behind(up.name) == []
 
 
-@pytest.mark.thorough
 @pytest.mark.parametrize("command", [*wide("servo"), "program"])
 def test_ctrl_c_ends_a_demo_on_the_wall_clock(up: Up, command: str) -> None:
     """While its processes start, and while the program moves the arm."""

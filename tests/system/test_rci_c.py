@@ -49,6 +49,7 @@ from tests.support.puma import PARK, ROBOT
 from tests.system.test_rci_programs import TABLE
 
 SUPPORT = Path(__file__).parents[1] / "support"
+LIVE = SUPPORT / "rci_live.c", SUPPORT / "rci_live_more.c"
 STRICT = ("-std=c99", "-D_GNU_SOURCE", "-Wall", "-Wextra", "-Werror", "-g", "-O1")
 BLOCKED = """
 #include "rci.h"
@@ -622,18 +623,24 @@ def test_a_robot_on_virtual_time_without_a_relay_is_refused(make: Make) -> None:
 @pytest.mark.realtime
 @needs_valgrind
 def test_tasks_of_several_processors_in_real_time_leave_nothing_to_find(make: Make) -> None:
-    sources = SUPPORT / "rci_live.c", SUPPORT / "rci_live_more.c"
     flags = "-g", "-O1"
-    for watched in (
-        [make(*sources, flags=(*flags, "-fsanitize=thread")), "crowd"],
-        [*VALGRIND.split(), "--fair-sched=try", make(*sources, flags=flags), "crowd"],
-    ):
-        done = subprocess.run(watched, capture_output=True, text=True, timeout=FIRST_START_S, check=False)
-        assert done.returncode == 0, (FOUND, done.stderr)
-        assert done.stdout.splitlines() == [
-            "task rogue: one of its functions takes longer than 0.05 s and was given up",
-            "task device: its device was closed",
-        ]
+    assert_a_crowd_of_tasks_does_its_work(make(*LIVE, flags=(*flags, "-fsanitize=thread")))
+    assert_a_crowd_of_tasks_does_its_work(*VALGRIND.split(), "--fair-sched=try", make(*LIVE, flags=flags))
+
+
+@pytest.mark.realtime
+def test_tasks_of_several_processors_share_clock_memory_messages_and_signals_in_real_time(make: Make) -> None:
+    assert_a_crowd_of_tasks_does_its_work(make(*LIVE, flags=("-O2",)))
+
+
+def assert_a_crowd_of_tasks_does_its_work(*program: object) -> None:
+    watched = [*map(str, program), "crowd"]
+    done = subprocess.run(watched, capture_output=True, text=True, timeout=FIRST_START_S, check=False)
+    assert done.returncode == 0, (FOUND, done.stderr)
+    assert done.stdout.splitlines() == [
+        "task rogue: one of its functions takes longer than 0.05 s and was given up",
+        "task device: its device was closed",
+    ]
 
 
 @pytest.mark.realtime
@@ -664,7 +671,7 @@ def test_the_memory_of_a_program_with_tasks_is_locked_where_that_is_allowed(make
 
 @pytest.mark.realtime
 def test_the_arm_stops_when_a_program_in_c_is_killed_hangs_or_loses_its_bridge(make: Make, arm: RunningArm) -> None:
-    program = make(SUPPORT / "rci_live.c", SUPPORT / "rci_live_more.c", flags=("-O2",))
+    program = make(*LIVE, flags=("-O2",))
     bridge = os.environ | {"QROBOT_BRIDGE": f"127.0.0.1:{arm.arm.bridge.port}"}
 
     def start(mode: str) -> subprocess.Popen[str]:

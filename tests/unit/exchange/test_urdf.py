@@ -88,23 +88,44 @@ def test_an_exported_arm_comes_back_with_the_same_geometry_ranges_and_links(name
     assert back.joint_names == robot.joint_names
 
 
-@pytest.mark.parametrize("digits", [2, 4, 9])
-@pytest.mark.parametrize("name", ROBOTS)
-def test_right_angles_that_somebody_has_rounded_are_named(name: str, digits: int, tmp_path: Path) -> None:
-    """They cost the closed form, and nothing else tells; what is exact, or no right angle at all, is passed over."""
-    robot, path = load_robot(name), tmp_path / "arm.urdf"
-    text = urdf_text(robot)
+ANGLES: Final = re.compile(r'(?<=rpy=")[^"]*')
+
+
+def notes_of_angles(text: str, name: str, path: Path) -> tuple[str, list[str]]:
+    """The family of an arm, and what its import says of its angles."""
     path.write_text(text)
-    exact = import_urdf(path, like=name)
-    assert not any("right angles" in told for told in exact.notes)
-    angles = re.compile(r'(?<=rpy=")[^"]*')
-    shorter = lambda found: " ".join(f"{float(each):.{digits}f}" for each in found[0].split())  # noqa: E731
-    path.write_text(angles.sub(shorter, text))
-    (told,) = [told for told in import_urdf(path, like=name).notes if "right angles" in told]
+    made = import_urdf(path, like=name)
+    return made.robot.geometry.family, [told for told in made.notes if "right angles" in told]
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_right_angles_that_somebody_has_rounded_are_named_where_they_cost_the_closed_form(
+    name: str, tmp_path: Path
+) -> None:
+    robot, path = load_robot(name), tmp_path / "arm.urdf"
+    text, family = urdf_text(robot), robot.geometry.family
+    assert notes_of_angles(text, name, path) == (family, [])
     turned = [joint for joint, alpha in zip(robot.joints.names, robot.geometry.alpha_rad, strict=True) if alpha]
-    assert told.startswith(f"{', '.join(turned)}: turned by right angles to within ")
-    path.write_text(angles.sub("0.3 0.2 0.1", text))
-    assert not any("right angles" in told for told in import_urdf(path, like=name).notes)
+    for digits in range(2, 15):
+        shorter = ANGLES.sub(lambda found, d=digits: " ".join(f"{float(x):.{d}f}" for x in found[0].split()), text)
+        found, notes = notes_of_angles(shorter, name, path)
+        if found == family:
+            assert notes == []
+            continue
+        (told,) = notes
+        assert told.startswith(f"{', '.join(turned)}: right angles to within ")
+        assert told.endswith(f"the arm then has the closed-form inverse of family {family!r}")
+    assert notes_of_angles(ANGLES.sub("0.3 0.2 0.1", text), name, path) == ("generic", [])
+
+
+def test_rounded_angles_of_an_arm_that_has_no_closed_form_anyway_are_its_own_matter(tmp_path: Path) -> None:
+    text, path = urdf_text(load_robot("puma560")), tmp_path / "arm.urdf"
+    elbow = re.compile(r'(<joint name="elbow".*?rpy=")[^"]*', re.DOTALL)
+    for turn in ("1.5707963267948966", "1.5708"):  # about its own axis, where the closed form wants none
+        assert notes_of_angles(elbow.sub(rf"\g<1>0 0 {turn}", text), "puma560", path) == (
+            "generic",
+            [],
+        )
 
 
 def arbitrary_urdf(seed: int) -> str:

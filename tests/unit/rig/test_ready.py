@@ -10,23 +10,20 @@ import subprocess
 import sys
 from contextlib import ExitStack
 from pathlib import Path
-from types import SimpleNamespace
-from typing import IO, Final, cast
+from typing import Final, cast
 
 import pytest
 
 from qrobot.config.deployment import load_deployment
-from qrobot.errors import LinkBusy
+from qrobot.errors import LinkBusy, LinkError
 from qrobot.hwif.board_memory import create_board_memory
 from qrobot.realtime.compile_progress import COMPILING
 from qrobot.realtime.shared_memory import HEADER_WORDS, SharedMemory
 from qrobot.rig.deployed import require_free_port
-from qrobot.rig.process_starter import Started
+from qrobot.rig.process_starter import ProcessStarter, Started
 from qrobot.rig.processes import (
-    Child,
     ProcessPlan,
     ProcessRig,
-    _wait_for,
     board_ready,
     guardian_ready,
     servo_ready,
@@ -88,22 +85,64 @@ def test_what_another_rig_has_begun_is_not_begun_beside_it_and_keeps_its_output(
         third.start(plan)
 
 
+class Lives:
+    """A process that runs until it is ended, and one that starts nothing else."""
+
+    pid = os.getpid()
+
+    def __init__(self) -> None:
+        self.status: int | None = None
+
+    def prepare(self) -> None:
+        pass
+
+    def start(self, *_: object) -> Started:
+        return cast("Started", self)
+
+    def poll(self) -> int | None:
+        return self.status
+
+    def send_signal(self, _number: int) -> None:
+        self.status = 0
+
+    def wait(self, _patience_s: float) -> None:
+        pass
+
+
 @pytest.mark.realtime
 def test_who_waits_for_a_process_hears_what_that_compiles_each_line_once(tmp_path: Path) -> None:
-    """A process prints it among other lines, and what it says later is its own matter."""
+    """What it compiled before its turn is over, and what it says later is its own matter."""
     output, told = tmp_path / "board.txt", list[str]()
-    lives = cast("Started", SimpleNamespace(pid=os.getpid(), poll=lambda: None))
-    child = Child(ProcessPlan("board", ["board"]), lives, output, cast("IO[bytes]", None))
-    first, second = f"{COMPILING} 1 of 40, once: a", f"{COMPILING} 5 of 40, once: b"
-    prints = iter(["", f"qrobot: {first}\n", f"hello\n{first}\n", f"{first}\n{second}\n", "ready\n"])
+    waiting, first, second = (f"{COMPILING} {number} of 40, once: a" for number in (40, 1, 5))
+    prints = iter(["", f"hello\n{first}\n", f"{first}\n", f"{first}\nqrobot: {second}\n", "on its way\n"])
 
-    def ready(_pid: int) -> bool:
+    def ready(pid: int) -> bool:
+        if pid == 0:
+            return False
         text = next(prints, None)
-        output.write_text(text or "")
+        output.write_text(f"qrobot: {waiting}\n{text or ''}")
         return text is None
 
-    _wait_for(child, ready, told.append)
-    assert told == [f"board: {first}", f"board: {second}"]
+    class Compiles(Lives):
+        def start(self, *_: object) -> Started:
+            output.write_text(f"qrobot: {waiting}\n")
+            return super().start()
+
+    with ProcessRig(tmp_path, cast("ProcessStarter", Compiles()), told.append) as rig:
+        rig.start(ProcessPlan("board", ["board"], ready))
+    assert told == [f"board: {first}", f"board: {second}", "board is ready"]
+
+
+@pytest.mark.realtime
+def test_a_process_that_died_as_it_compiled_has_said_nothing(tmp_path: Path) -> None:
+    class Dies(Lives):
+        def start(self, *_: object) -> Started:
+            (tmp_path / "board.txt").write_text(f"qrobot: {COMPILING} 4 of 40, once: a\n")
+            self.status = -9
+            return super().start()
+
+    with ProcessRig(tmp_path, cast("ProcessStarter", Dies())) as rig, pytest.raises(LinkError, match="it said nothing"):
+        rig.start(ProcessPlan("board", ["board"], lambda _pid: False))
 
 
 @pytest.mark.parametrize("number", [errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP])

@@ -111,7 +111,6 @@ def _recorded_signals(run: Interpreter) -> list[int]:
     return switched
 
 
-@pytest.mark.sampled(1)
 @pytest.mark.parametrize("begin", ["execute", "proceed"])
 def test_ctrl_c_at_any_line_loses_no_step_and_does_none_twice(begin: str) -> None:
     lines = _lines_of_a_run(begin)
