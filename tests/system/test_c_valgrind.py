@@ -38,7 +38,7 @@ MADE = [made for name, level in LEVELS for made in ((name, "gcc", "-O2"), (name,
 pytestmark = [needs_compiler, needs_valgrind, pytest.mark.usefixtures("own_cache")]
 
 
-@pytest.mark.sampled(4)
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(("name", "compiler", "level"), MADE)
 def test_valgrind_finds_nothing_whoever_has_compiled_a_program(
     name: str, compiler: str, level: str, tmp_path: Path, monkeypatch, capfd

@@ -75,6 +75,7 @@ def test_a_task_and_a_trigger_are_due_by_the_law_of_the_papers_however_large_the
         assert said(program, interval, offset, QROBOT_RCI_TIME="virtual") == [due, due], (interval, offset)
 
 
+@pytest.mark.thorough
 @pytest.mark.realtime
 def test_in_real_time_what_is_due_in_centuries_delays_no_other_task(program: Path) -> None:
     for interval, offset in ((LARGEST, -1), (LARGEST // 2, LARGEST // 2 - 1)):
