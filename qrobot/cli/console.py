@@ -67,12 +67,18 @@ err = _Messages(stderr=True, highlight=False, markup=False, emoji=False)
 
 def complain(message: str) -> None:
     """One red line on stderr."""
-    err.print(Text(f"qrobot: {printable(' '.join(message.split()))}", style="red"), soft_wrap=True)
+    _say(Text(f"qrobot: {printable(' '.join(message.split()))}", style="red"))
 
 
 def note(message: str) -> None:
     """One line on stderr, for progress that is no result."""
-    err.print(Text("\n".join(map(printable, message.split("\n")))), soft_wrap=True)
+    _say(Text("\n".join(map(printable, message.split("\n")))))
+
+
+def _say(line: Text) -> None:
+    """Print on stderr; a full disk behind it ends nothing that goes on, nor does it change how a command ends."""
+    with suppress(OSError):
+        err.print(line, soft_wrap=True)
 
 
 class EveryTenth:
@@ -84,8 +90,7 @@ class EveryTenth:
         """Tell that a kernel is being compiled, when it is the first one or another tenth is done."""
         tenth = number * 10 // of
         if number == 1 or tenth > self._tenth:
-            with suppress(OSError):  # of a full disk behind a process's output, in the middle of its start
-                note(f"{COMPILING} {number} of {of}, once for this version on this machine: {name}")
+            note(f"{COMPILING} {number} of {of}, once for this version on this machine: {name}")
         self._tenth = tenth
 
 

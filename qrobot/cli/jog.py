@@ -66,6 +66,8 @@ def jog(
     from qrobot.rccl.connect import open_channel
     from qrobot.rccl.hold_to_run import KEYS, HeldJog
 
+    if stick is not None and frame is not None:
+        raise ConfigError("--frame does not go with --stick: a stick has no key n to choose its axes; leave one out")
     chosen = choose_arm(deployment, arm)
     factory = link_of(chosen, offline)
     if stick is not None:

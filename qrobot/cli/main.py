@@ -57,7 +57,7 @@ COMMANDS: Final = (
     Subcommand(
         "ctl", "qrobot.cli.ctl:app", EVERYDAY, "Command a running servo: power, stop, clear, law, gains, watch."
     ),
-    Subcommand("log", "qrobot.cli.log:app", EVERYDAY, "Look at logs: info, plot, export; record a running servo."),
+    Subcommand("log", "qrobot.cli.log:app", EVERYDAY, "Look at logs: info, plot, animate, export; record one."),
     Subcommand(
         "calibrate", "qrobot.cli.calibrate:calibrate", EVERYDAY, "Find an arm's exact position; make its table."
     ),

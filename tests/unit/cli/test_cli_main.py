@@ -245,6 +245,24 @@ def test_a_disk_that_takes_no_more_of_the_output_is_one_line() -> None:
     assert (found.returncode, found.stderr) == (1, "qrobot: what it writes is not taken: No space left on device\n")
 
 
+@pytest.mark.parametrize(("words", "status"), [(["board", "--nope"], 2), (["robot", "show", "nosuch"], 1)])
+def test_one_that_takes_no_more_messages_changes_no_exit_status(words: list[str], status: int) -> None:
+    with Path("/dev/full").open("w") as full:
+        assert subprocess.run([sys.executable, "-m", "qrobot", *words], stderr=full, check=False).returncode == status
+
+
+def test_nor_does_it_end_what_goes_on() -> None:
+    code = (
+        "import sys; from qrobot.cli.console import note, run_app, write_json\n"
+        "from cyclopts import App\napp = App()\n"
+        "@app.default\ndef talk() -> None:\n    for i in range(3): note(str(i))\n    write_json([1])\n"
+        "sys.exit(run_app(app, []))"
+    )
+    with Path("/dev/full").open("w") as full:
+        found = subprocess.run([sys.executable, "-c", code], stdout=subprocess.PIPE, stderr=full, check=False)
+    assert (found.returncode, found.stdout.split()) == (0, [b"[", b"1", b"]"])
+
+
 def test_nor_does_one_of_messages_take_results_along() -> None:
     code = (
         "import sys; from qrobot.cli.console import note, run_app, write_json\n"

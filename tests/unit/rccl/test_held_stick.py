@@ -13,6 +13,8 @@ import numpy as np
 import pytest
 
 from qrobot import rccl
+from qrobot.cli.console import run_app
+from qrobot.cli.main import make_app
 from qrobot.cli.stick_device import BTN_0, BTN_SOUTH, BTN_TL, EV_ABS, EV_KEY, EV_REL, RY, StickDevice, X, Y, open_stick
 from qrobot.errors import ConfigError, LinkError
 from qrobot.faultcodes import FaultCode
@@ -112,6 +114,11 @@ def test_after_events_were_lost_a_stick_is_where_it_is() -> None:
         device.tell(EV_ABS, Y, 0)
         held.append(stick.hear(found.read(), 30.0))
     assert held == [None, None, None, None, ("dx", 1.0), None]
+
+
+def test_a_frame_is_for_keys_and_refused_with_a_stick(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run_app(make_app(), ["jog", "--offline", "--stick", "/dev/null", "--frame", "parts.db:TABLE"]) == 1
+    assert "--frame does not go with --stick" in capsys.readouterr().err
 
 
 def test_a_stick_that_is_drawn_when_the_device_is_opened_is_not_at_rest() -> None:
