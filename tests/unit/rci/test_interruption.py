@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import signal
-import sys
+from contextlib import suppress
 from inspect import getfile
-from types import FrameType
 from typing import Any
 
 import pytest
 
 from qrobot.rci.interruption import WholeSamples
+from tests.support.signals import ctrl_c_at
 
 OF_THE_GUARD = getfile(WholeSamples)
 
@@ -37,27 +37,9 @@ def one_sample(guard: WholeSamples, done: list[str]) -> None:
 
 def interrupted_at(event: int, guard: WholeSamples) -> bool:
     """Hit Ctrl-C before the line of the guard of this number is done; whether there are so many."""
-    seen = 0
-
-    def look(frame: FrameType, what: str, _argument: Any) -> Any:
-        nonlocal seen
-        if frame.f_code.co_filename != OF_THE_GUARD:
-            return None
-        if what == "line":
-            seen += 1
-            if seen == event:
-                signal.raise_signal(signal.SIGINT)
-        return look
-
-    before = sys.gettrace()
-    sys.settrace(look)
-    try:
+    with suppress(KeyboardInterrupt), ctrl_c_at(event, OF_THE_GUARD) as seen:
         wait_for_three_samples(guard)
-    except KeyboardInterrupt:
-        pass
-    finally:
-        sys.settrace(before)
-    return seen >= event
+    return seen[0] >= event
 
 
 def test_ctrl_c_at_any_line_of_the_guard_leaves_it_whole_for_the_next_wait() -> None:

@@ -3,24 +3,24 @@
 from __future__ import annotations
 
 import signal
-import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import partial
 from inspect import getfile
 from pathlib import Path
-from types import FrameType
 from typing import Any
 
 import pytest
 
 from qrobot.errors import LinkError
 from qrobot.rci.interruption import WholeSamples
+from qrobot.realtime.signals import handled
 from qrobot.val.interpreter import Interpreter, RunState
 from qrobot.val.monitor import ValMonitor
 from qrobot.val.source import read_source
 from tests.support.fake_robot import FakeRobot
 from tests.support.puma import PARK
+from tests.support.signals import ctrl_c_at
 from tests.support.thorough import examples
 from tests.support.val_runs import PLACES, faked_arm, interpreter, interrupt_at, main_program, number
 
@@ -47,25 +47,8 @@ RETRIES = 10
 @contextmanager
 def _ctrl_c_at(event: int) -> Iterator[list[int]]:
     """Ctrl-C at the line of the interpreter's own code of this number, counted from here; gives how many there were."""
-    seen = [0]
-
-    def look(_frame: FrameType, what: str, _argument: Any) -> Any:
-        if what == "line":
-            seen[0] += 1
-            if seen[0] == event:
-                signal.raise_signal(signal.SIGINT)
-        return look
-
-    def enter(frame: FrameType, _what: str, _argument: Any) -> Any:
-        return look if frame.f_code.co_filename.startswith(OF_THE_INTERPRETER) else None
-
-    before, handler = sys.gettrace(), signal.signal(signal.SIGINT, signal.default_int_handler)
-    sys.settrace(enter)
-    try:
+    with handled({signal.SIGINT: signal.default_int_handler}), ctrl_c_at(event, OF_THE_INTERPRETER) as seen:
         yield seen
-    finally:
-        sys.settrace(before)
-        signal.signal(signal.SIGINT, handler)
 
 
 def _finish(run: Interpreter) -> None:
