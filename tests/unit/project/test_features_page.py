@@ -14,6 +14,7 @@ ROOT = Path(__file__).parents[3]
 RANGES = (("A", 1, 50), ("B", 1, 49), ("C", 1, 23), ("C", 30, 62), ("D", 1, 26), ("E", 1, 39))
 IDENTIFIERS = [f"{letter}-{number:02d}" for letter, first, last in RANGES for number in range(first, last + 1)]
 STATES = {"works", "partly", "not yet"}
+BOX = "test_a_box_is_traced_and_its_way_drawn_beside_the_one_asked_for"
 
 
 class Row(NamedTuple):
@@ -33,8 +34,10 @@ def named_tests(remark: str) -> list[str]:
 
 
 @cache
-def functions_of(path: Path) -> set[str]:
-    return {node.name for node in ast.walk(ast.parse(path.read_text())) if isinstance(node, ast.FunctionDef)}
+def functions_of(path: Path) -> dict[str, bool]:
+    """Functions of a file, and whether `make thorough` alone runs them."""
+    nodes = [node for node in ast.walk(ast.parse(path.read_text())) if isinstance(node, ast.FunctionDef)]
+    return {node.name: "pytest.mark.thorough" in map(ast.unparse, node.decorator_list) for node in nodes}
 
 
 def complaint_about(row: Row) -> str | None:
@@ -46,12 +49,19 @@ def complaint_about(row: Row) -> str | None:
         return f"{row.identifier} works, but no test is named"
     if row.state == "partly" and not re.sub(r"`[^`]*`|[,;. ]", "", row.remark):
         return f"{row.identifier} is there partly, but not what is missing"
-    return next((f"{row.identifier} names {test}: no such test" for test in tests if not is_test(test)), None)
+    if missing := [test for test in tests if not is_test(test)]:
+        return f"{row.identifier} names {missing[0]}: no such test"
+    return f"{row.identifier}: `make thorough` alone shows it" if tests and all(map(is_thorough, tests)) else None
 
 
 def is_test(test: str) -> bool:
     path, _, function = test.partition("::")
     return (ROOT / path).is_file() and (not function or function.split("::")[-1] in functions_of(ROOT / path))
+
+
+def is_thorough(test: str) -> bool:
+    path, _, function = test.partition("::")
+    return functions_of(ROOT / path).get(function, False)
 
 
 ROWS = read_rows((ROOT / "docs/features.md").read_text())
@@ -76,6 +86,7 @@ def test_every_claim_names_its_test_or_what_is_missing() -> None:
         ("works", "`tests/unit/test_nothing.py`", "no such test"),
         ("works", "`tests/unit/project/test_features_page.py::test_of_nothing`", "no such test"),
         ("partly", "`tests/unit/project/test_features_page.py`", "what is missing"),
+        ("works", f"`tests/system/test_programs_live.py::{BOX}`", "`make thorough` alone shows it"),
     ],
 )
 def test_an_empty_claim_is_found(state: str, remark: str, expected: str) -> None:
