@@ -140,10 +140,12 @@ def _rounded_angles(document: Document, chain: SerialChain, label: str) -> list[
     turns = {link.joint.name: link.T_previous_joint for link in chain.links}
     off = {name: float(np.abs(T[:3, :3] - np.rint(T[:3, :3])).max()) for name, T in turns.items()}
     rounded = [name for name, angle in off.items() if _ROUNDED[0] < angle < _ROUNDED[1]]
+    if not rounded:
+        return []
     rows = denavit_hartenberg([_squared(T) for T in turns.values()], _squared(chain.T_last_tip))
     exact = robot_of(document | {"geometry": document["geometry"] | _row_values(rows)}, label)
     family = closed_form_family(exact)
-    if not rounded or family == "generic":
+    if family == "generic":
         return []
     return [
         f"{', '.join(rounded)}: right angles to within {max(off[name] for name in rounded):.1g} rad; if they were "

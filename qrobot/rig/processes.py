@@ -80,23 +80,20 @@ class Child:
         return self.process.poll() is None
 
     def complaint(self) -> str:
-        """The last lines it printed, for an error message."""
-        with contextlib.suppress(OSError):
-            lines = [line for line in self._lines() if not line.startswith(COMPILING)]
-            if lines:
-                return lines[-1]
-        return "it said nothing"
+        """The last line it printed, for an error message; what it compiled is no complaint."""
+        return next((line for line in reversed(self._lines()) if not line.startswith(COMPILING)), "it said nothing")
 
     def compiling(self) -> str:
         """Line about what it compiles, if that is what it said last; else nothing."""
-        with contextlib.suppress(OSError):
-            last = next(reversed(self._lines()), "")
-            return last if last.startswith(COMPILING) else ""
-        return ""
+        last = next(reversed(self._lines()), "")
+        return last if last.startswith(COMPILING) else ""
 
     def _lines(self) -> list[str]:
-        lines = self.output.read_text(errors="replace").splitlines()
-        return [line.removeprefix("qrobot: ") for line in lines if line.strip()]
+        """Lines that it printed; none where they cannot be read."""
+        with contextlib.suppress(OSError):
+            lines = self.output.read_text(errors="replace").splitlines()
+            return [line.removeprefix("qrobot: ") for line in lines if line.strip()]
+        return []
 
     def begin(self) -> None:
         """Let it go on, once it is ready, to what others can see."""

@@ -122,6 +122,20 @@ def test_a_priority_above_the_users_limit_becomes_the_limit_and_is_told(monkeypa
     assert "rtprio" in step.remedy
 
 
+@pytest.mark.parametrize(
+    ("user", "limit", "told", "ok"),
+    [(0, 0, "none for root", True), (1000, 0, "rtprio 0, memlock 0 kB", False), (1000, -1, "memlock unlimited", False)],
+)
+def test_limits_are_told_of_users_who_have_any(
+    monkeypatch: pytest.MonkeyPatch, user: int, limit: int, told: str, ok: bool
+) -> None:
+    monkeypatch.setattr(machine.os, "geteuid", lambda: user)
+    monkeypatch.setattr(machine.resource, "getrlimit", lambda _which: (limit, limit))
+    step = machine.look_at_limits()
+    assert told in step.detail
+    assert (step.ok, bool(step.remedy)) == (ok, not ok)
+
+
 def test_without_any_limit_nothing_is_got(monkeypatch: pytest.MonkeyPatch) -> None:
     def refuse(_priority: int) -> None:
         raise PermissionError(1, "Operation not permitted")
