@@ -131,8 +131,8 @@ def _tell_geometry(told: _Told, rows: DenavitHartenberg, T_last_tip: Floats) -> 
 
 def _row_values(rows: DenavitHartenberg) -> Document:
     """Rows as a robot file has them."""
-    angles = {"alpha_deg": rows.alpha * DEG_PER_RAD, "theta_deg": rows.theta * DEG_PER_RAD}
-    return {key: _plain(values) for key, values in (angles | {"a_m": rows.a, "d_m": rows.d}).items()}
+    alpha_deg, theta_deg = _plain(rows.alpha * DEG_PER_RAD), _plain(rows.theta * DEG_PER_RAD)
+    return {"alpha_deg": alpha_deg, "a_m": _plain(rows.a), "d_m": _plain(rows.d), "theta_deg": theta_deg}
 
 
 def _rounded_angles(document: Document, chain: SerialChain, label: str) -> list[str]:
