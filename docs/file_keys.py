@@ -116,6 +116,8 @@ def _kind(alias: str, annotation: Any) -> str:
         return f"n {PER_JOINT[alias]}"
     if alias == "OneOrPerJoint":
         return "number, or n numbers"
+    if alias == "Scale":
+        return "number other than 0"
     if alias == "Gravity":
         return f"3 numbers from {-STRONGEST_GRAVITY_M_S2:g} to {STRONGEST_GRAVITY_M_S2:g}"
     if alias == "Coupling":

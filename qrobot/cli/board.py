@@ -170,7 +170,7 @@ def run_gateway(arm: DeployedArm, record: Path | None = None) -> None:
     from qrobot.hwif.gateway import serve
     from qrobot.hwif.recorder import BusRecorder
     from qrobot.hwif.transports import open_transport
-    from qrobot.realtime.setup import hard_to_delay
+    from qrobot.realtime.setup import hard_to_delay, set_fifo
     from qrobot.realtime.startup_order import await_turn
     from qrobot.servo.memory.servo_memory import arm_is_driven
 
@@ -184,7 +184,8 @@ def run_gateway(arm: DeployedArm, record: Path | None = None) -> None:
             with hard_to_delay(GATEWAY_PRIORITY):
                 serve(arm.name, bus, period_ns, report, module_losses, held, needed)
             return
-        with BusRecorder(bus, record) as recorder, hard_to_delay(GATEWAY_PRIORITY):
+        begin = partial(set_fifo, GATEWAY_PRIORITY)
+        with BusRecorder(bus, record, begin) as recorder, hard_to_delay(GATEWAY_PRIORITY):
             serve(arm.name, recorder, period_ns, report, module_losses, held, needed)
         if recorder.problem:
             report(f"{record} is not complete: {recorder.problem}")

@@ -7,6 +7,7 @@ from typing import Final
 from pydantic import Field, model_validator
 
 from qrobot.config.document import Table
+from qrobot.config.values import Scale
 
 LAST_BASE_ID: Final = 0x7FF  # of 11 bits
 
@@ -24,7 +25,7 @@ class CanSignal(Table):
     size: int = Field(default=2, ge=1, le=4)
     signed: bool = True
     big_endian: bool = False
-    volt_per_count: float = Field(allow_inf_nan=False)
+    volt_per_count: Scale
     zero_v: float = Field(default=0.0, allow_inf_nan=False)
 
     @property

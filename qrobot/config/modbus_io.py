@@ -8,6 +8,7 @@ from pydantic import Field, model_validator
 
 from qrobot.config.document import Table
 from qrobot.config.outputs import AnalogOutputLine, OutputLine
+from qrobot.config.values import Scale
 
 LARGEST_NUMBER: Final = 32767  # of a signed register
 PERIODS_TO_BELIEVE: Final = 2  # [A] an answer counts until the next one is there, which takes a period and its own time
@@ -33,7 +34,7 @@ class RemoteAnalog(Table):
 
     address: int = Field(ge=0, le=65535)
     channel: int = Field(ge=0, le=7)
-    volt_per_count: float = Field(allow_inf_nan=False)
+    volt_per_count: Scale
     zero_v: float = Field(default=0.0, allow_inf_nan=False)
 
 
@@ -62,7 +63,7 @@ class RemoteAnalogOutput(AnalogOutputLine):
     """
 
     address: int = Field(ge=0, le=65535)
-    volt_per_count: float = Field(allow_inf_nan=False)
+    volt_per_count: Scale
     zero_v: float = Field(default=0.0, allow_inf_nan=False)
     off_v: float = Field(default=0.0, allow_inf_nan=False)
 
@@ -73,8 +74,6 @@ class RemoteAnalogOutput(AnalogOutputLine):
 
     @model_validator(mode="after")
     def _fits_a_register(self) -> RemoteAnalogOutput:
-        if self.volt_per_count == 0.0:
-            raise ValueError(f"analogue output {self.output}: volt_per_count = 0 is no scale")
         for volts in (self.min_v, self.max_v):
             if not abs(number := (volts + self.zero_v) / self.volt_per_count) <= LARGEST_NUMBER:
                 raise ValueError(

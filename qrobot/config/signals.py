@@ -9,7 +9,7 @@ from pydantic import Field, model_validator
 
 from qrobot.config.document import Table
 from qrobot.config.outputs import N_ANALOG_OUTPUTS, N_OUTPUTS
-from qrobot.config.values import GivenName
+from qrobot.config.values import GivenName, Scale
 
 N_BOARD_INPUTS: Final = 6  # discrete inputs of the board, 0 to 5
 N_CHANNELS: Final = 8  # of its converter
@@ -39,7 +39,7 @@ class NamedSignal(Table):
     outputs: tuple[_Output, _Output] | None = Field(default=None, strict=False)
     analog: int | None = Field(default=None, ge=0, lt=N_CHANNELS)
     analog_output: int | None = Field(default=None, ge=1, le=N_ANALOG_OUTPUTS)
-    per_volt: float = Field(default=1.0, allow_inf_nan=False)
+    per_volt: Scale = 1.0
     zero_v: float = Field(default=0.0, ge=-10, le=10, allow_inf_nan=False)
     unit: str = Field(default="V", min_length=1, max_length=16)
 
@@ -54,6 +54,4 @@ class NamedSignal(Table):
         binary = self.analog is None and self.analog_output is None
         if binary and {"per_volt", "zero_v", "unit"} & self.model_fields_set:
             raise ValueError(f"signal {self.name!r}: lines are numbers; per_volt, zero_v and unit are for analog")
-        if self.per_volt == 0.0:
-            raise ValueError(f"signal {self.name!r}: per_volt = 0 makes every voltage the same")
         return self

@@ -55,6 +55,16 @@ MaybeGivenName = Annotated[str, Field(max_length=32), AfterValidator(lambda valu
 """A name, or none: ""."""
 
 
+def _scale(value: float) -> float:
+    if value == 0:
+        raise ValueError("0 is no scale: all it reads, or shows, would be the same")
+    return value
+
+
+Scale = Annotated[float, Field(allow_inf_nan=False), AfterValidator(_scale)]
+"""Units by units of something else: negative where one rises while the other falls."""
+
+
 def frozen(array: NDArray[Any]) -> NDArray[Any]:
     """The same array, contiguous and read-only."""
     array = np.ascontiguousarray(array)

@@ -1,7 +1,7 @@
 """Every access of a bus, written down: which registers were written and read, in which order, and what came back.
 
 A recording is text, a line to an exchange, each written whole at once: what is on the disk after a power cut is
-complete up to the last line.
+complete up to the last line. No exchange waits for the disk: a thread of its own writes the lines.
 
     qrobot-registers 1
     board F 6 250000                                   revision, joints, ns between images; again when reconnected;
@@ -18,7 +18,10 @@ from the image before. `replay.py` reads it.
 from __future__ import annotations
 
 import contextlib
+import threading
+from collections.abc import Callable
 from pathlib import Path
+from queue import SimpleQueue
 from types import TracebackType
 from typing import Final, TextIO
 
@@ -32,6 +35,7 @@ from qrobot.hwif.registers import N_INPUT_WORDS
 MAGIC: Final = "qrobot-registers 1"
 LETTERS: Final = {OP_WRITE: "w", OP_READ: "r", OP_REFERENCE: "p", OP_OUTPUTS: "o", OP_ANALOG: "a"}
 TAKES: Final = ("references", "outputs")  # what a board may take besides: facts of that name
+KEPT_LINES: Final = 100_000  # [A] that wait for the disk: 25 s of a bus at 4 kHz
 
 
 class BusRecorder:
@@ -40,23 +44,29 @@ class BusRecorder:
     Args:
         bus: the one that does the work.
         path: file to write; an old one is replaced.
+        begin: called first in the thread that writes. It is to have the priority of the one that exchanges, which waits
+            for it at the interpreter's lock.
 
     Attributes:
-        problem: why the recording ended before its time, a full disk say; the bus goes on working. "" while it goes on.
+        problem: why the recording ended before its time, a full or a slow disk say; the bus goes on working. "" while
+            it goes on, and when all was written in the end.
 
     Raises:
         LogError: the file cannot be written.
     """
 
-    def __init__(self, bus: Bus, path: Path) -> None:
-        self._bus = bus
+    def __init__(self, bus: Bus, path: Path, begin: Callable[[], object] = lambda: None) -> None:
+        self._bus, self._begin = bus, begin
         self._before = make_image()
         self.problem = ""
         try:
             self._file: TextIO = path.open("w", buffering=1, encoding="ascii", errors="backslashreplace")
         except OSError as error:
             raise LogError(f"cannot record to {path}: {error.strerror}") from None
-        self._write(MAGIC)
+        self._lines = SimpleQueue[str | None]()
+        self._writer = threading.Thread(target=self._write, name="recorder", daemon=True)
+        self._writer.start()
+        self._note(MAGIC)
 
     @property
     def name(self) -> str:
@@ -68,7 +78,7 @@ class BusRecorder:
         facts = self._bus.connect()
         self._before[:] = 0
         takes = (name for name in TAKES if getattr(facts, name))
-        self._write(" ".join(["board", facts.revision, str(facts.joints), str(facts.period_ns), *takes]))
+        self._note(" ".join(["board", facts.revision, str(facts.joints), str(facts.period_ns), *takes]))
         return facts
 
     def exchange(self, operations: Operations, image: Words) -> None:
@@ -77,20 +87,22 @@ class BusRecorder:
         try:
             self._bus.exchange(operations, image)
         except (LinkError, ProtocolError) as error:
-            self._write(f"lost {done}{' ' if done else ''}{type(error).__name__}: {' '.join(str(error).split())}")
+            self._note(f"lost {done}{' ' if done else ''}{type(error).__name__}: {' '.join(str(error).split())}")
             raise
         t_ns = int(image[IMAGE_T_NS] - self._before[IMAGE_T_NS])
         count = int(image[IMAGE_COUNT] - self._before[IMAGE_COUNT])
-        self._write(" ".join([str(t_ns), str(count), *([done] if done else []), ":", *changes(self._before, image)]))
+        self._note(" ".join([str(t_ns), str(count), *([done] if done else []), ":", *changes(self._before, image)]))
         self._before[:] = image
 
     def close(self) -> None:
         """Let go of the board; the file stays open for the next connection."""
         self._bus.close()
-        self._write("close")
+        self._note("close")
 
     def finish(self) -> None:
-        """Close the file."""
+        """Wait until the disk has all lines, and close the file."""
+        self._lines.put(None)
+        self._writer.join()
         with contextlib.suppress(OSError):  # what could not be written is the problem already
             self._file.close()
 
@@ -102,11 +114,20 @@ class BusRecorder:
     ) -> None:
         self.finish()
 
-    def _write(self, line: str) -> None:
+    def _note(self, line: str) -> None:
+        """Let a line be written, unless the recording has ended: one with a gap could not be replayed."""
         if self.problem:
             return
+        if self._lines.qsize() < KEPT_LINES:
+            self._lines.put(line)
+        else:
+            self.problem = "the disk is slower than the bus"
+
+    def _write(self) -> None:
+        self._begin()
         try:
-            self._file.write(f"{line}\n")
+            while (line := self._lines.get()) is not None:
+                self._file.write(f"{line}\n")
         except (OSError, ValueError) as error:
             self.problem = str(error)
 

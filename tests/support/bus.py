@@ -28,6 +28,11 @@ def nothing() -> None:
     """Happen not at all."""
 
 
+def at_once(work: Callable[[], None]) -> None:
+    """Do here what would be done in a thread of its own."""
+    work()
+
+
 class BenchEndpoint:
     """A `Bench` as the far end of a transport: it ticks once for each list of operations it is given.
 

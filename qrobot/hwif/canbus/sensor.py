@@ -2,7 +2,8 @@
 
 `SensorBus` stands before the bus to the board and answers conversions of its channels (converter.py) with the newest
 values that came; one that is too old is none. A sensor whose CAN interface fails has none either, and the board goes
-on. Its interface is opened again by a thread of its own, because that may take seconds for which no exchange can wait.
+on. Its interface is opened by a thread of its own, because that may take seconds for which neither an exchange can wait
+nor a board that has just been found and is to be made safe.
 """
 
 from __future__ import annotations
@@ -38,11 +39,9 @@ def decode_signal(signal: CanSignal, data: bytes) -> int:
     return adc_word(count * signal.volt_per_count - signal.zero_v)
 
 
-def in_a_thread(work: Callable[[], None]) -> threading.Thread:
+def in_a_thread(work: Callable[[], None]) -> None:
     """Do `work` in a thread that keeps no process from its end."""
-    thread = threading.Thread(target=work, daemon=True)
-    thread.start()
-    return thread
+    threading.Thread(target=work, daemon=True).start()
 
 
 class SensorBus:
@@ -66,7 +65,7 @@ class SensorBus:
         sensor: CanSensor,
         now_ns: Callable[[], int] = time.monotonic_ns,
         report: Report = lambda _line: None,
-        aside: Callable[[Callable[[], None]], threading.Thread | None] = in_a_thread,
+        aside: Callable[[Callable[[], None]], None] = in_a_thread,
     ) -> None:
         self._where = f"CAN {sensor.interface}:{sensor.channel}"
         self.name = f"{bus.name} with a sensor on {self._where}"
@@ -76,17 +75,18 @@ class SensorBus:
         self._channels = RemoteChannels({signal.channel for signal in sensor.signals}, self._maybe_word)
         self._newest: dict[int, tuple[int, int]] = {}  # by channel: word, time
         self._here = self._told = False
+        self._wanted = self._opening = False  # one that opens when it is not wanted any more is let go of
+        self._changes = threading.Lock()  # of the two, and of `_here`; nobody opens an interface with it
         self._retry_ns = 0
-        self._opener: threading.Thread | None = None
 
     def connect(self) -> BoardFacts:
         """Connect the board's bus; the sensor comes when it comes. Raises LinkError for a board of revision E."""
         facts = self._bus.connect()
         require_signed_converter(facts)
-        self._await_opener()
-        self._open()
         self._newest.clear()
         self._channels.forget()
+        self._wanted = True
+        self._open_aside(self._now_ns())
         return facts
 
     def exchange(self, operations: Operations, image: Words) -> None:
@@ -96,14 +96,17 @@ class SensorBus:
         self._channels.answer(image, self._now_ns())
 
     def close(self) -> None:
-        """Let go of both."""
+        """Let go of both; an interface that is being opened is let go of when it is open."""
         self._bus.close()
-        self._await_opener()
-        self._let_go()
+        with self._changes:
+            self._wanted = False
+            if not self._opening:
+                self._let_go()
 
     def _listen(self, now_ns: int) -> None:
         if not self._here:
-            self._open_again(now_ns)
+            if now_ns >= self._retry_ns:
+                self._open_aside(now_ns)
             return
         try:
             messages = self._link.waiting()
@@ -115,29 +118,38 @@ class SensorBus:
                 if (message.arbitration_id, message.is_extended_id) == (signal.id, signal.is_extended):
                     self._take(signal, bytes(message.data), now_ns)
 
+    def _open_aside(self, now_ns: int) -> None:
+        """Open the interface, unless it is open or being opened."""
+        with self._changes:
+            if self._here or self._opening:
+                return
+            self._opening = True
+        self._retry_ns = now_ns + RETRY_NS
+        self._aside(self._open)
+
     def _open(self) -> None:
-        """Open the interface unless it is; one that does not open is told of once."""
+        opened = False
+        try:
+            opened = self._try_to_open()
+        finally:
+            with self._changes:
+                self._opening, self._here = False, opened and self._wanted
+                if not self._here:
+                    self._link.close()
+
+    def _try_to_open(self) -> bool:
+        """Whether the interface opens; one that does not is told of once."""
         try:
             self._link.open()
         except LinkError as error:
-            self._let_go()
             if not self._told:
                 self._report(f"no sensor at {self._where}: {error}")
             self._told = True
-            return
+            return False
         if self._told:
             self._report(f"sensor at {self._where}: the interface is open")
-        self._told, self._here = False, True
-
-    def _open_again(self, now_ns: int) -> None:
-        if now_ns >= self._retry_ns and (self._opener is None or not self._opener.is_alive()):
-            self._retry_ns = now_ns + RETRY_NS
-            self._opener = self._aside(self._open)
-
-    def _await_opener(self) -> None:
-        if self._opener is not None:
-            self._opener.join()
-            self._opener = None
+        self._told = False
+        return True
 
     def _lose(self, error: LinkError, now_ns: int) -> None:
         self.losses += 1

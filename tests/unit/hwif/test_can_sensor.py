@@ -14,9 +14,10 @@ from pydantic import ValidationError
 from qrobot.cli.servo_settings import servo_settings
 from qrobot.config import load_deployment
 from qrobot.config.can_sensor import CanSensor, CanSignal
+from qrobot.config.signals import NamedSignal
 from qrobot.errors import ConfigError, LinkError
 from qrobot.hwif.canbus.interface import open_interface
-from qrobot.hwif.canbus.sensor import RETRY_NS, SensorBus, decode_signal
+from qrobot.hwif.canbus.sensor import RETRY_NS, SensorBus, decode_signal, in_a_thread
 from qrobot.hwif.image import IMAGE_ADC_VALUE, IMAGE_STATUS, make_image
 from qrobot.hwif.operations import OP_WRITE
 from qrobot.hwif.registers import (
@@ -30,7 +31,7 @@ from qrobot.hwif.registers import (
 )
 from qrobot.units import NS_PER_MS
 from tests.support.bench import Bench
-from tests.support.bus import BenchEndpoint, DirectBus, Row, rows_of
+from tests.support.bus import BenchEndpoint, DirectBus, Row, at_once, rows_of
 from tests.support.patience import PATIENCE_MS
 from tests.support.virtual_clock import VirtualClock
 
@@ -56,10 +57,6 @@ LONG_ID = 0x18FF0123
 
 def signal(channel: int = FORCE, **keys: object) -> CanSignal:
     return CanSignal.model_validate({"channel": channel, "id": 0x123, "volt_per_count": 0.001, **keys})
-
-
-def at_once(work: Callable[[], None]) -> None:
-    work()
 
 
 class Desk:
@@ -179,11 +176,11 @@ class Adapter:
 
     Attributes:
         pulled: it neither receives, nor opens, nor closes.
-        opened: times it was opened.
+        opened: times it was opened. open_now: how many of these are open.
     """
 
     def __init__(self, patch: pytest.MonkeyPatch) -> None:
-        self.pulled, self.opened = False, 0
+        self.pulled, self.opened, self.open_now = False, 0, 0
         self._open = open_interface
         patch.setattr("qrobot.hwif.canbus.link.open_interface", self.open_or_say_why_not)
 
@@ -195,7 +192,7 @@ class Adapter:
 
     def open(self, *where: object) -> can.BusABC:
         self.must_be_there()
-        self.opened += 1
+        self.opened, self.open_now = self.opened + 1, self.open_now + 1
         bus = self._open(*where)  # type: ignore[arg-type]
         receive, shut_down = bus.recv, bus.shutdown
 
@@ -205,6 +202,7 @@ class Adapter:
 
         def checked_shut_down() -> None:
             shut_down()
+            self.open_now -= 1
             self.must_be_there()
 
         bus.recv, bus.shutdown = checked_receive, checked_shut_down  # type: ignore[method-assign]
@@ -266,24 +264,48 @@ def test_a_board_is_found_although_the_interface_of_its_sensor_does_not_open(ada
     desk.close()
 
 
-def test_no_exchange_waits_for_an_interface_that_opens_slowly(
-    adapter: Adapter, monkeypatch: pytest.MonkeyPatch
+def test_neither_a_board_that_is_found_nor_an_exchange_waits_for_an_interface_that_opens_slowly(
+    adapter: Adapter,
 ) -> None:
-    desk, may_open = Desk(), threading.Event()
-    desk.bus = SensorBus(DirectBus(desk.end), desk.config, desk.clock)
-    adapter.pulled = True
+    desk, begun = Desk(), list[Callable[[], None]]()
+    desk.bus = SensorBus(DirectBus(desk.end), desk.config, desk.clock, aside=begun.append)
+    for _ in range(2):  # the board is found, lost, and found again
+        desk.bus.connect()
+        for _ in range(3):
+            desk.clock.pass_ms(RETRY_NS / NS_PER_MS)
+            assert desk.convert(BOARD_CHANNEL) is not None
+            assert desk.convert(FORCE) is None
+        desk.bus.close()
     desk.bus.connect()
-    adapter.pulled, opens = False, adapter.open
-    monkeypatch.setattr("qrobot.hwif.canbus.link.open_interface", lambda *where: may_open.wait() and opens(*where))
-    for _ in range(3):
-        desk.clock.pass_ms(RETRY_NS / NS_PER_MS)
-        assert desk.convert(BOARD_CHANNEL) is not None
-    may_open.set()
-    desk.bus.connect()  # awaits the one that opens, and finds it open
+    [opens] = begun
+    opens()
     desk.send(bytes(4))
     assert desk.convert(FORCE) == 0.0
-    assert adapter.opened == 1
+    assert (adapter.opened, adapter.open_now) == (1, 1)
     desk.close()
+    assert adapter.open_now == 0
+
+
+def test_an_interface_that_is_open_when_its_board_has_been_let_go_of_is_let_go_of_too(adapter: Adapter) -> None:
+    desk, begun = Desk(), list[Callable[[], None]]()
+    desk.bus = SensorBus(DirectBus(desk.end), desk.config, desk.clock, aside=begun.append)
+    desk.bus.connect()
+    desk.bus.close()
+    begun.pop()()
+    assert (adapter.opened, adapter.open_now) == (1, 0)
+    desk.bus.connect()
+    begun.pop()()
+    desk.send(bytes(4))
+    assert desk.convert(FORCE) == 0.0
+    desk.close()
+
+
+def test_what_is_done_aside_is_not_waited_for() -> None:
+    may, done = threading.Event(), threading.Event()
+    in_a_thread(lambda: done.set() if may.wait() else None)
+    assert not done.is_set()
+    may.set()
+    assert done.wait()
 
 
 def test_a_frame_that_is_too_short_is_counted_and_is_no_value(desk: Desk) -> None:
@@ -310,6 +332,13 @@ def test_values_are_clipped_at_ten_volts(count: int, volts: float) -> None:
 def test_a_signal_beyond_the_end_of_a_frame_is_refused(first: int, size: int) -> None:
     with pytest.raises(ValidationError, match="a frame has bytes 0 to 7"):
         signal(first=first, size=size)
+
+
+def test_a_signal_that_would_read_the_same_whatever_comes_is_refused() -> None:
+    with pytest.raises(ValidationError, match=r"volt_per_count\n.*0 is no scale"):
+        signal(volt_per_count=0.0)
+    with pytest.raises(ValidationError, match=r"per_volt\n.*0 is no scale"):
+        NamedSignal(name="grip", analog=6, per_volt=0.0)
 
 
 def test_two_signals_cannot_share_a_channel() -> None:

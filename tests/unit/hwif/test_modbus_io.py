@@ -455,6 +455,7 @@ def test_a_board_with_a_module_shows_its_own_bits_and_those_of_the_module(table:
         ('kind = "port"\nport = {}\n' + IO, r"an emulated board or one behind a gateway, and kind = 'port' has none"),
         (TWICE.replace("inputs", "analog").replace("input =", "volt_per_count = 1, channel ="), "the same channel 1"),
         ('kind = "modbus"\nmodbus = {}\n' + TWICE, "two remote inputs stand for the same input 1"),
+        (TWICE.replace("inputs", "analog").replace("input =", "volt_per_count = 0, channel ="), "count: 0 is no scale"),
         ('kind = "modbus"\nmodbus = {}\n[[arm.board.io]]\nhost = "x"\n', "does nothing"),
     ],
 )

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import fcntl
+import os
 from pathlib import Path
 
 import numpy as np
@@ -182,6 +184,27 @@ def test_a_disk_that_takes_no_more_ends_the_recording_and_not_the_bus() -> None:
     recorder.finish()
     assert "No space left" in recorder.problem
     assert image[IMAGE_COUNT] > 0
+
+
+def test_no_exchange_waits_for_a_disk_that_stands_still(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("qrobot.hwif.recorder.KEPT_LINES", 3)
+    pipe, image = tmp_path / "disk", make_image()
+    os.mkfifo(pipe)
+    disk = os.open(pipe, os.O_RDWR)
+    room = fcntl.fcntl(disk, fcntl.F_GETPIPE_SZ)
+    os.write(disk, bytes(room))  # there is no room for a line
+    recorder = BusRecorder(DirectBus(BenchEndpoint()), pipe)
+    recorder.connect()
+    for _ in range(4):  # one line of them the writer may have taken
+        recorder.exchange(rows([]), image)
+    assert recorder.problem == "the disk is slower than the bus"
+    assert image[IMAGE_COUNT] > 0
+    os.read(disk, room)
+    recorder.finish()  # what was kept until then is on the disk
+    written = os.read(disk, room).decode().splitlines()
+    os.close(disk)
+    assert written[0] == MAGIC
+    assert 3 <= len(written) <= 4
 
 
 def test_values_no_register_takes_are_recorded_as_they_were_asked(tmp_path: Path) -> None:

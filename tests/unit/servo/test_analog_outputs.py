@@ -252,7 +252,7 @@ def test_the_deployment_tells_the_outputs_of_board_and_modules(tmp_path: Path) -
         (BOARD.replace("min_v = 0.0", "min_v = 1.0"), "0 V, which it shows while it is off, is not within 1 to 5 V"),
         (BOARD.replace("max_v = 5.0", "max_v = -1.0"), "min_v 0 is not below max_v -1"),
         (MODULE.replace("off_v = -1.0", "off_v = 6.0"), "6 V, which it shows while it is off"),
-        (MODULE.replace("0.001", "0.0"), "volt_per_count = 0 is no scale"),
+        (MODULE.replace("0.001", "0.0"), "analog_outputs.0.volt_per_count: 0 is no scale"),
         (MODULE.replace("0.001", "0.0001"), "-5 V would be -50000 in its register"),
         (MODULE.replace("2, address", "9, address"), "board.io.0.analog_outputs.0.output"),
         (MODULE + "outputs = [{ output = 1, address = 3, kind = 'register' }]\n", "register 3 has another use"),

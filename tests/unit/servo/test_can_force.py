@@ -24,7 +24,7 @@ from qrobot.rig.lockstep import START_NS, link_factory
 from qrobot.servo.settings import ServoSettings
 from qrobot.sim_board.emulator import Emulator
 from qrobot.units import NS_PER_MS
-from tests.support.bus import DirectBus
+from tests.support.bus import DirectBus, at_once
 from tests.support.puma import ROBOT
 from tests.support.transport_rig import TransportRig
 
@@ -67,7 +67,7 @@ class EmulatedSensor:
     def heard_beside(self, end: Endpoint) -> Bus:
         """The bus to a board, with the sensor."""
         config = {"interface": "virtual", "channel": self._channel, "timeout_ms": TIMEOUT_MS, "signals": SIGNALS}
-        self._listener = SensorBus(DirectBus(end), CanSensor.model_validate(config), self)
+        self._listener = SensorBus(DirectBus(end), CanSensor.model_validate(config), self, aside=at_once)
         return self._listener
 
     def close(self) -> None:
