@@ -177,14 +177,14 @@ def run_gateway(arm: DeployedArm, record: Path | None = None) -> None:
     check_drives(arm)
     await_turn()
     needed = partial(arm_is_driven, arm.name)
-    with QueuedReport(lambda line: note(f"{arm.name}: {line}")) as report:
-        bus, period_ns, module_losses = open_transport(arm.board, report, arm.servo.board_timeout_ms)
+    begin = partial(set_fifo, GATEWAY_PRIORITY)  # of all threads: each may hold the interpreter's lock
+    with QueuedReport(lambda line: note(f"{arm.name}: {line}"), begin) as report:
+        bus, period_ns, module_losses = open_transport(arm.board, report, arm.servo.board_timeout_ms, begin)
         held = sum(1 << each.bit for each in arm.board.outputs if each.on_stop == "hold")
         if record is None:
             with hard_to_delay(GATEWAY_PRIORITY):
                 serve(arm.name, bus, period_ns, report, module_losses, held, needed)
             return
-        begin = partial(set_fifo, GATEWAY_PRIORITY)
         with BusRecorder(bus, record, begin) as recorder, hard_to_delay(GATEWAY_PRIORITY):
             serve(arm.name, recorder, period_ns, report, module_losses, held, needed)
         if recorder.problem:

@@ -34,23 +34,29 @@ class Transport(NamedTuple):
     module_losses: Callable[[], int]
 
 
-def open_transport(board: BoardChoice, report: Report = lambda _line: None, patience_ms: float = math.inf) -> Transport:
+def open_transport(
+    board: BoardChoice,
+    report: Report = lambda _line: None,
+    patience_ms: float = math.inf,
+    begin: Callable[[], object] = lambda: None,
+) -> Transport:
     """The transport to `board`, with whatever stands beside it.
 
     `report` takes a line when a module or a sensor beside the board is found or lost, and when a separate drive is the
     reason that arm power goes or does not come. Separate drives are not left alone with their last torque for longer
-    than `patience_ms`, the servo's with its board.
+    than `patience_ms`, the servo's with its board. `begin` is called first in each thread of a module or a sensor,
+    to give it the priority of the one that exchanges.
 
     Raises:
         ConfigError: this board is not reached by a gateway, or what the transport is made of is not installed.
     """
     bus = _bus_of(board, report, patience_ms)
-    modules = _modules(board, report)
+    modules = _modules(board, report, begin)
     beside: list[RemoteModule | SensorBus] = [*modules]
     if board.can_sensor is not None:
         from qrobot.hwif.canbus.sensor import with_sensor
 
-        bus = sensor = with_sensor(bus, board.can_sensor, report)
+        bus = sensor = with_sensor(bus, board.can_sensor, report, begin)
         beside.append(sensor)
     if modules:
         from qrobot.hwif.modbus.io import IoBus
@@ -59,14 +65,14 @@ def open_transport(board: BoardChoice, report: Report = lambda _line: None, pati
     return Transport(bus, round(board.period_ms * NS_PER_MS), lambda: sum(each.losses for each in beside))
 
 
-def _modules(board: BoardChoice, report: Report) -> list[RemoteModule]:
+def _modules(board: BoardChoice, report: Report, begin: Callable[[], object] = lambda: None) -> list[RemoteModule]:
     """The remote modules beside a board. Raises ConfigError when pymodbus is not installed and there are some."""
     if not board.io:
         return []
     require_pymodbus()
     from qrobot.hwif.modbus.io import RemoteModule
 
-    return [RemoteModule(module, report) for module in board.io]
+    return [RemoteModule(module, report, begin=begin) for module in board.io]
 
 
 def modules_beside(board: BoardChoice, memory: BoardMemory, report: Report) -> AbstractContextManager[object]:

@@ -143,7 +143,8 @@ def may_be_real_time() -> bool:
 def test_a_gateway_process_is_the_board_of_its_arm_and_follows_the_server(served: Served) -> None:
     arm = f"near{uuid.uuid4().hex[:8]}"
     table = f"{{ port = {served.port}, period_ms = {PERIOD_MS}, timeout_ms = 500.0 }}"
-    transport = f"[arm.board]\nkind = 'modbus'\nmodbus = {table}\n"
+    module = f"io = [{{ host = '127.0.0.1', port = {free_port()}, inputs = [{{ address = 0, input = 2 }}] }}]"
+    transport = f"[arm.board]\nkind = 'modbus'\nmodbus = {table}\n{module}\n"
     deployment = served.deployment(arm, transport + "[arm.servo]\nrate_hz = 250\nboard_timeout_ms = 20.0\n")
     served.rig.start(ProcessPlan("near", ["board", deployment], partial(board_ready, arm)))
     with attach_board_memory(arm) as memory:
@@ -152,8 +153,10 @@ def test_a_gateway_process_is_the_board_of_its_arm_and_follows_the_server(served
         assert fetch_image(memory.memory, image)
         first = int(image[IMAGE_COUNT])
         wait_until(lambda: fetch_image(memory.memory, image) and image[IMAGE_COUNT] >= first + 20, "images come")
-    policy = os.sched_getscheduler(served.rig.children["near"].process.pid) & ~os.SCHED_RESET_ON_FORK
-    assert (policy == os.SCHED_FIFO) is may_be_real_time()
+    threads = Path(f"/proc/{served.rig.children['near'].process.pid}/task").iterdir()
+    policies = [os.sched_getscheduler(int(each.name)) & ~os.SCHED_RESET_ON_FORK for each in threads]
+    exchanges_reports_and_asks_the_module = 3  # each may hold the interpreter's lock
+    assert (policies.count(os.SCHED_FIFO) >= exchanges_reports_and_asks_the_module) is may_be_real_time()
     other = ModbusBus(ModbusLine("127.0.0.1", served.port, timeout_s=1.0))
     with pytest.raises(LinkBusy, match="another client has the control"):
         other.connect()

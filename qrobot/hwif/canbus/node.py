@@ -96,6 +96,7 @@ class BoardNode:
         self._watchdog_ns = int(watchdog_ms * 1e6)
         self._heard_ns = 0
         self._silent = self._late = False  # of a client that is late the board is made safe, tried until it is
+        self._left_unsafe = False  # the board could not be made safe when OPERATIONAL was left: tried until it is
         self._image, self._mailbox = make_image(), Mailbox()
         self._outputs: dict[int, list[tuple[int, int, int]]] = {}
         self._lists, self._standing = 0, set[int]()
@@ -173,7 +174,7 @@ class BoardNode:
         before = self.state
         self._network.notify(can_id, bytearray(data), 0.0)
         if before == OPERATIONAL and self.state != OPERATIONAL:
-            self._make_safe()
+            self._left_unsafe = not self._make_safe()
         mine = data[1] in (0, self.node_id)
         if mine and data[0] == START:  # of a list before that no SYNC has come
             self._outputs.clear()
@@ -248,6 +249,8 @@ class BoardNode:
 
     def _look_at_clock(self, now_ns: int) -> None:
         self._network.fire(now_ns)
+        if self._left_unsafe:
+            self._left_unsafe = not self._make_safe(tell=False)
         late = self._watchdog_ns and now_ns - self._heard_ns > self._watchdog_ns
         if late and self.state == OPERATIONAL and not self._silent:
             begins, self._late = not self._late, True

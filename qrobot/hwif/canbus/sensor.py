@@ -11,6 +11,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable
+from functools import partial
 from typing import Final
 
 from qrobot.arrays import Words
@@ -39,9 +40,14 @@ def decode_signal(signal: CanSignal, data: bytes) -> int:
     return adc_word(count * signal.volt_per_count - signal.zero_v)
 
 
-def in_a_thread(work: Callable[[], None]) -> None:
-    """Do `work` in a thread that keeps no process from its end."""
-    threading.Thread(target=work, daemon=True).start()
+def in_a_thread(work: Callable[[], None], begin: Callable[[], object] = lambda: None) -> None:
+    """Do `begin` and `work` in a thread that keeps no process from its end."""
+
+    def run() -> None:
+        begin()
+        work()
+
+    threading.Thread(target=run, daemon=True).start()
 
 
 class SensorBus:
@@ -175,7 +181,13 @@ class SensorBus:
         return word if now_ns - t_ns <= self._sensor.timeout_ms * NS_PER_MS else None
 
 
-def with_sensor(bus: Bus, sensor: CanSensor, report: Report = lambda _line: None) -> SensorBus:
-    """`bus` with the sensor that a deployment file describes. Raises ConfigError when python-can is not installed."""
+def with_sensor(
+    bus: Bus, sensor: CanSensor, report: Report = lambda _line: None, begin: Callable[[], object] = lambda: None
+) -> SensorBus:
+    """`bus` with the sensor that a deployment file describes; `begin` is called first in the thread that opens it.
+
+    Raises:
+        ConfigError: python-can is not installed.
+    """
     load_can()
-    return SensorBus(bus, sensor, report=report)
+    return SensorBus(bus, sensor, report=report, aside=partial(in_a_thread, begin=begin))

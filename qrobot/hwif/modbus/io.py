@@ -1,8 +1,8 @@
 """Modbus modules beside a board: inputs in its STATUS word, channels of its converter, outputs, a gripper for a hand.
 
 `IoBus` stands before the bus to the board, so servo and programs see inputs, outputs and a hand as ever. Each module is
-asked by a thread of its own at its own pace; an exchange with the board never waits for one. Beside an emulated board
-the panel takes the place of the bus (panel.py).
+asked by a thread of its own at its own pace. Neither an exchange with the board waits for one, nor a board that was
+lost and is to be made safe. Beside an emulated board the panel takes the place of the bus (panel.py).
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import zip_longest
 from typing import Final
 
 from qrobot.arrays import Words
@@ -47,9 +48,11 @@ class RemoteModule:
         choice: where it is and what it has.
         report: takes a line when it is found or lost, is not there at first, or is too slow for `timeout_ms`.
         now_ns: the clock of what was seen.
+        begin: called first in the thread that polls. It is to have the priority of the one that exchanges, which waits
+            for it at the interpreter's lock.
 
     Attributes:
-        mask: bits of STATUS that are its own. channels: of the converter, likewise.
+        name: for messages. mask: bits of STATUS that are its own. channels: of the converter, likewise.
         losses: times it has been lost.
     """
 
@@ -58,14 +61,15 @@ class RemoteModule:
         choice: ModbusIo,
         report: Report = lambda _line: None,
         now_ns: Callable[[], int] = time.monotonic_ns,
+        begin: Callable[[], object] = lambda: None,
     ) -> None:
-        self._choice, self._report, self._now_ns = choice, report, now_ns
+        self._choice, self._report, self._now_ns, self._begin = choice, report, now_ns, begin
         self._line = ModbusLine(choice.host, choice.port, choice.device_id, choice.timeout_ms / MS_PER_S)
+        self.name = f"module at {self._line.name}"
         self.mask = sum(1 << each.input for each in choice.inputs)
         self.channels = frozenset(each.channel for each in choice.analog)
         self.losses = 0
         self._held = sum(1 << (each.output - 1) for each in choice.outputs if each.on_stop == "hold")
-        self._allowed = ALL_OUTPUTS
         self._safe = sum(1 << each.input for each in choice.inputs if each.safe)
         self._seen = ModuleState(self._safe, {}, 0)  # replaced whole, so that readers never mix two of them
         self._wanted: Sequence[int] | None = None
@@ -102,6 +106,12 @@ class RemoteModule:
         """Let all analogue outputs show their off values."""
         self._volts.clear()
 
+    def forget(self) -> None:
+        """Leave on what holds and let go of the rest, which comes on again only when somebody says so anew."""
+        self.let_go()
+        if self._outputs is not None:
+            self._outputs &= self._held
+
     def bits(self, now_ns: int) -> int:
         """Its inputs in their places of STATUS; the safe ones when what was seen is too old."""
         seen = self._seen
@@ -115,8 +125,11 @@ class RemoteModule:
     def _may_be_believed(self, seen: ModuleState, now_ns: int) -> bool:
         return now_ns - seen.t_ns <= self._choice.timeout_ms * NS_PER_MS
 
-    def poll(self) -> None:
-        """Ask it once, and pass on what the hand does; a module that is away is told once and tried again."""
+    def poll(self, leaving: bool = False) -> None:
+        """Ask it once, and pass on what the hand does; a module that is away is told once and tried again.
+
+        `leaving`, nobody is left to say what outputs are to be: only those that hold stay on.
+        """
         try:
             if not self._here:
                 self._line.connect()
@@ -125,30 +138,26 @@ class RemoteModule:
                 self._driven.clear()
                 self._slow = False
             self._look()
-            self._switch()
-            self._drive()
+            self._switch(self._held if leaving else ALL_OUTPUTS)
+            self._drive({} if leaving else self._volts)
             self._write()
         except (LinkError, ProtocolError) as error:
             self._lose(error)
             return
         if not self._here:
             self._here, self._told = True, False
-            self._report(f"module at {self._line.name} found")
+            self._report(f"{self.name} found")
 
     def run(self, stop: threading.Event) -> None:
         """Poll until `stop` is set, then leave on what holds, analogue outputs off, and let go of it."""
-        self._allowed = ALL_OUTPUTS
+        self._begin()
         period_s = self._choice.period_ms / MS_PER_S
         while not stop.is_set():
             asked_ns = self._now_ns()
             self.poll()
             stop.wait(max(0.0, period_s - (self._now_ns() - asked_ns) / NS_PER_S))
-        self.let_go()
-        self._allowed = self._held  # nobody is left to say what the others are to be
         if self._here:
-            self.poll()
-        if self._outputs is not None:
-            self._outputs &= self._held  # the others come on again only when somebody says so anew
+            self.poll(leaving=True)
         self.close()
 
     def close(self) -> None:
@@ -164,7 +173,7 @@ class RemoteModule:
         if asks and self._here and not self._slow and not self._may_be_believed(self._seen, self._now_ns()):
             self._slow = True
             self._report(
-                f"module at {self._line.name} is slow: what it says is older than timeout_ms "
+                f"{self.name} is slow: what it says is older than timeout_ms "
                 f"({self._choice.timeout_ms:g} ms) before there is anything newer; its inputs read as safe meanwhile"
             )
         self._seen = seen
@@ -184,12 +193,12 @@ class RemoteModule:
             volts[each.channel] = number * each.volt_per_count - each.zero_v
         return volts
 
-    def _switch(self) -> None:
-        """Tell the outputs what is new to them."""
+    def _switch(self, allowed: int) -> None:
+        """Tell the outputs what is new to them; those beside `allowed` are off."""
         if self._outputs is None:
             return
         for each in self._choice.outputs:
-            on = bool((self._outputs & self._allowed) >> (each.output - 1) & 1)
+            on = bool((self._outputs & allowed) >> (each.output - 1) & 1)
             if self._shown.get(each.output) == on:
                 continue
             value, client = each.on if on else each.off, self._line.client
@@ -199,10 +208,10 @@ class RemoteModule:
                 self._line.ask(client.write_register, address=each.address, value=value)
             self._shown[each.output] = on
 
-    def _drive(self) -> None:
-        """Tell the analogue outputs what is new to them."""
+    def _drive(self, volts: Mapping[int, float]) -> None:
+        """Tell the analogue outputs what is new to them; those without `volts` show their off values."""
         for each in self._choice.analog_outputs:
-            number = each.number(self._volts.get(each.output, each.off_v))
+            number = each.number(volts.get(each.output, each.off_v))
             if self._driven.get(each.output) != number:
                 self._line.ask(self._line.client.write_register, address=each.address, value=number & REGISTER)
                 self._driven[each.output] = number
@@ -217,9 +226,9 @@ class RemoteModule:
     def _lose(self, error: Exception) -> None:
         if self._here:
             self.losses += 1
-            self._report(f"module at {self._line.name} lost, its inputs read as safe: {error}")
+            self._report(f"{self.name} lost, its inputs read as safe: {error}")
         elif not self._told:
-            self._report(f"no module at {self._line.name}: {error}")
+            self._report(f"no {self.name}: {error}")
         self._told = True
         self.close()
 
@@ -253,10 +262,24 @@ class IoBus:
             require_signed_converter(facts)
         self._channels.forget()
         self._stop = threading.Event()
-        self._threads = [threading.Thread(target=each.run, args=(self._stop,), daemon=True) for each in self._modules]
-        for thread in self._threads:
-            thread.start()
+        self._threads = [self._thread(*pair) for pair in zip_longest(self._modules, self._threads)]
         return replace(facts, outputs=True)
+
+    def _thread(self, module: RemoteModule, before: threading.Thread | None) -> threading.Thread:
+        """A thread that polls a module once the one `before` has let go of it.
+
+        It is no daemon: the end of the process waits until the module knows that nobody is left.
+        """
+        stop = self._stop
+
+        def run() -> None:
+            if before is not None:
+                before.join()
+            module.run(stop)
+
+        thread = threading.Thread(target=run, name=module.name)
+        thread.start()
+        return thread
 
     def exchange(self, operations: Operations, image: Words) -> None:
         """See `Bus`."""
@@ -287,12 +310,11 @@ class IoBus:
         return None if volt is None else adc_word(volt)
 
     def close(self) -> None:
-        """Let go of all."""
+        """Let go of all; modules that are slow to answer are let go of meanwhile, and before they are found again."""
         self._end_threads()
         self._bus.close()
 
     def _end_threads(self) -> None:
+        for module in self._modules:
+            module.forget()
         self._stop.set()
-        for thread in self._threads:
-            thread.join()
-        self._threads = []

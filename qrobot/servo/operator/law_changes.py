@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from qrobot.errors import LinkError, LinkLost, QRobotError
+from qrobot.errors import LinkError, LinkLost, LinkTimeout, QRobotError
 from qrobot.modecodes import Mode, mode_name
 from qrobot.servo.laws.law import KP, KV, M0, Law
 from qrobot.servo.laws.law_swap import (
@@ -16,7 +16,6 @@ from qrobot.servo.laws.law_swap import (
     NOT_NOW,
     OUT_OF_BOUNDS,
     SWAPPED,
-    SwapState,
     ask_for_law,
     ask_for_settings,
     maybe_swap_result,
@@ -42,6 +41,7 @@ class LawChanges:
         self._servo = servo
         self._kept = {servo.law.address: (servo.law, servo.law_name)}  # the loop may still be in one: no code is let go
         self._names_told, self._names_noted = 0, ""
+        self._late: tuple[Law, str] | None = None  # asked for, while the loop did not run
         self._changing = threading.Lock()  # what is in force changes, or is compared with what was told
         self._note_swap()
 
@@ -49,6 +49,7 @@ class LawChanges:
         """Try the law beside the loop, which goes on, then ask for the swap, unless whoever wanted it has gone."""
         servo = self._servo
         with self._changing:
+            self._await_swap()
             self._note_law_before(servo.mailbox.snapshot())
             if servo.law.compliant and request.name == servo.law_name:
                 self._change_settings(request)
@@ -69,17 +70,16 @@ class LawChanges:
         law = servo.law.with_settings(request.settings)
         check_gains(servo.robot, servo.settings, servo.law_name, np.array(servo.swap.gains), law.chosen)
         ask_for_settings(servo.swap, law)
-        if _wait_for_swap(servo.swap) != SWAPPED:
+        if self._result(law, servo.law_name) != SWAPPED:
             raise QRobotError(f"law {servo.law_name} has failed meanwhile: its settings have not been taken")
-        servo.law = law
-        self._kept[law.address] = (law, servo.law_name)
-        self._note_swap()
+        self._take(law, servo.law_name)
         servo.say(f"law {servo.law_name}: {settings_text(law.chosen)}")
 
     def change_gains(self, request: ChangeGains) -> None:
         """Take other gains for the law in force, as that takes a law. Raises QRobotError for gains that do not fit."""
         servo = self._servo
         with self._changing:
+            self._await_swap()
             self._note_law_before(servo.mailbox.snapshot())
             gains = changed_gains(servo.robot.control, np.array(servo.swap.gains), request)
             self._swap(servo.law, servo.law_name, gains)
@@ -93,17 +93,48 @@ class LawChanges:
         self._note_names(servo.mailbox.snapshot())
         self._kept.setdefault(law.address, (law, name))
         ask_for_law(servo.swap, law, gains)
-        result = _wait_for_swap(servo.swap)
+        result = self._result(law, name)
         if result == NOT_NOW:
             raise _not_now(servo.mailbox.snapshot().mode)
         if result == NO_TORQUE:
             raise QRobotError(f"law {name} gives no finite torque where the arm stands: it has not been taken")
         if result == OUT_OF_BOUNDS:
             raise QRobotError(f"law {name} writes past the end of an array where the arm stands: it has not been taken")
+        self._take(law, name)
+        servo.say(f"law {name}, gains Kp {_listed(gains[KP])} Kv {_listed(gains[KV])}")
+
+    def _take(self, law: Law, name: str) -> None:
+        """Note that the loop has taken a law, or other numbers of the one in force."""
+        servo = self._servo
         servo.law, servo.law_name = self._kept[law.address] = law, name
         describe_law(servo.mailbox.words, law_label(name))
         self._note_swap()
-        servo.say(f"law {name}, gains Kp {_listed(gains[KP])} Kv {_listed(gains[KV])}")
+
+    def _await_swap(self) -> None:
+        """Wait for an earlier request that still stands. Raises LinkTimeout when the loop does not run."""
+        if self._late is not None:
+            await_loop(lambda: maybe_swap_result(self._servo.swap) is not None)
+            self._note_late_swap()
+
+    def _result(self, law: Law, name: str) -> int | None:
+        """Result of the request for `law`. Raises LinkTimeout when the loop does not run: the request stands then."""
+        swap = self._servo.swap
+        try:
+            await_loop(lambda: maybe_swap_result(swap) is not None)
+        except LinkTimeout as error:
+            self._late = law, name
+            raise LinkTimeout(f"{error}; should it go on, it takes law {name}") from error
+        return maybe_swap_result(swap)
+
+    def _note_late_swap(self) -> None:
+        """Tell what became of a request whose answer came too late for whoever had made it."""
+        result = maybe_swap_result(self._servo.swap)
+        if self._late is None or result is None:
+            return
+        (law, name), self._late = self._late, None
+        if result == SWAPPED and int(self._servo.swap.law_at) == law.address:
+            self._take(law, name)
+            self._servo.say(f"law {name} has been taken late: the loop did not run when it was asked for")
 
     def note_fallback(self) -> None:
         """Tell people and readers once the servo has gone back to the law before, because the one in force failed.
@@ -128,6 +159,7 @@ class LawChanges:
         self._names_told = told
 
     def _note_law_before(self, now: ServoSnapshot) -> None:
+        self._note_late_swap()
         servo, address = self._servo, int(self._servo.swap.law_at)
         if address == servo.law.address:
             return
@@ -154,11 +186,6 @@ class LawChanges:
 
 def _not_now(mode: int) -> QRobotError:
     return QRobotError(f"not in mode {mode_name(mode)}: laws and gains change while the arm holds, or without power")
-
-
-def _wait_for_swap(swap: SwapState) -> int | None:
-    await_loop(lambda: maybe_swap_result(swap) is not None)
-    return maybe_swap_result(swap)
 
 
 def _listed(vector: Any) -> str:

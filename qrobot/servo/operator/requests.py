@@ -14,7 +14,7 @@ from contextlib import suppress
 from functools import partial
 from typing import Final, TypeVar
 
-from qrobot.errors import LinkBusy, LinkError, LinkTimeout, QRobotError
+from qrobot.errors import LinkBusy, LinkError, LinkLost, LinkTimeout, QRobotError
 from qrobot.faultcodes import explain
 from qrobot.modecodes import Mode, mode_name
 from qrobot.model.payload_judge import PayloadJudge
@@ -173,7 +173,7 @@ class Controls:
     def _obey(self, request: OperatorRequest, given_up: threading.Event | None = None) -> None:
         match request:
             case PowerOn():
-                self._power_on()
+                self._power_on(given_up or threading.Event())
             case Clear():
                 self._servo.mailbox.request_clear()
                 self._clear_by_loop()
@@ -191,7 +191,7 @@ class Controls:
             case ChangeGains():
                 self._laws.change_gains(request)
 
-    def _power_on(self) -> None:
+    def _power_on(self, given_up: threading.Event) -> None:
         mailbox = self._servo.mailbox
         snapshot = mailbox.snapshot()
         if snapshot.mode == Mode.FAULT:
@@ -200,12 +200,18 @@ class Controls:
             halts = mailbox.halts
             mailbox.request_power(False)
             self._wait_for_loop()
+            if given_up.is_set():
+                raise LinkLost("whoever asked for arm power has gone: it stays off")
             if mailbox.halts == halts:
                 mailbox.request_power(True)
             if mailbox.halts != halts:  # behind the request as well: a cycle may have seen one just before it
                 mailbox.request_power(False)
                 raise QRobotError("no arm power: somebody has asked for a stop, or for no power, meanwhile")
-            self._wait_for_loop()
+            try:
+                self._wait_for_loop()
+            except LinkError:  # a loop that goes on later must not release brakes after it was told that it cannot
+                mailbox.request_power(False)
+                raise
 
     def _calibrate(self, request: Calibrate) -> None:
         mailbox = self._servo.mailbox

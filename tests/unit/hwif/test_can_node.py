@@ -258,6 +258,19 @@ def test_a_board_that_cannot_be_made_safe_is_tried_again_until_it_is() -> None:
     assert desk.emergencies == [CLIENT_SILENT]
 
 
+@pytest.mark.parametrize("command", [STOP, PRE_OPERATIONAL, RESET])
+def test_a_board_that_was_away_when_its_client_left_is_made_safe_when_it_is_back(desk: Desk, command: int) -> None:
+    desk.post((OP_WRITE, DAC, 5), (OP_WRITE, DISCRETE, DISCRETE_POWER | DISCRETE_HAND_RELAXED))
+    desk.sync()
+    desk.end.gone = True
+    desk.command(command)
+    desk.node.step(0.0)
+    desk.end.gone = False
+    desk.node.step(0.0)
+    desk.node.step(0.0)
+    assert desk.end.lists[1:] == [SAFE]
+
+
 def test_commands_to_another_node_are_no_sign_of_life_of_the_client() -> None:
     desk = Desk(watchdog_ms=5.0)
     desk.command(START)

@@ -98,6 +98,13 @@ def table() -> Iterator[Table]:
         table.module.close()
 
 
+def join_modules() -> None:
+    """Wait until all modules have been let go of."""
+    for thread in threading.enumerate():
+        if thread.name.startswith("module at"):
+            thread.join()
+
+
 def test_inputs_of_a_module_stand_where_the_file_says(table: Table) -> None:
     assert table.module.mask == 0b10100
     table.board.status = 1 << 15
@@ -320,8 +327,57 @@ def test_what_a_module_has_switched_off_comes_on_again_only_when_somebody_says_s
         if said is not None:
             table.module.switch(said)
         table.module.run(OnePoll())
+        table.module.forget()
         switched.append([value >> VALVE & 1 for _, offset, value in table.board.applied if offset == DISCRETE])
     assert switched == [[0, 1], [1], [0, 1]]  # a valve that is on is 0
+
+
+def test_what_is_said_while_a_module_is_still_being_let_go_of_is_not_lost(table: Table) -> None:
+    table.module.switch(VALVE_1)
+    table.module.drive(2, 2.0)
+    table.module.poll()
+    table.module.forget()  # the board is lost
+    table.module.switch(VALVE_1)  # and found, before the module has answered
+    table.module.drive(2, 2.0)
+    table.module.poll(leaving=True)
+    assert valve_and_pump(table)[0] == 1
+    table.module.poll()
+    assert valve_and_pump(table)[0] == 0
+    assert heater(table) == [2500, -500, 2500]
+
+
+class SlowModule(RemoteModule):
+    """One whose answer is waited for until `may_go`; `runs` says when each run began, and when it ended."""
+
+    def __init__(self, choice: ModbusIo) -> None:
+        super().__init__(choice)
+        self.runs: list[str] = []
+        self.begun, self.may_go = threading.Semaphore(0), threading.Semaphore(0)
+
+    def run(self, stop: threading.Event) -> None:
+        self.runs.append("begins")
+        self.begun.release()
+        stop.wait()
+        self.may_go.acquire()
+        self.runs.append("ends")
+
+
+def test_a_board_is_found_again_before_a_slow_module_has_been_let_go_of(table: Table) -> None:
+    module = SlowModule(table.choice)
+    bus, image = IoBus(DirectBus(PaperBoard()), [module], table.clock), make_image()
+    for _ in range(2):  # found, lost, and found again
+        bus.connect()
+        bus.exchange(np.array([(OP_OUTPUTS, 0, PUMP_3)], np.int64), image)
+        module.begun.acquire()
+        assert module.runs[-1] == "begins"
+        bus.close()
+        bus.connect()
+        bus.close()
+        module.may_go.release()
+        module.begun.acquire()  # one after the other, each lets go of it
+        module.may_go.release()
+    join_modules()
+    assert module.runs == ["begins", "ends"] * 4
 
 
 def test_a_module_that_was_never_there_is_told_of_once(table: Table) -> None:
@@ -447,6 +503,7 @@ def test_a_board_with_a_module_shows_its_own_bits_and_those_of_the_module(table:
     assert main.applied[-1] == (OP_WRITE, DISCRETE, CLOSE)
     bus.close()
     bus.close()
+    join_modules()
 
 
 @pytest.mark.parametrize(

@@ -55,6 +55,7 @@ from qrobot.servo.operator.messages import (
     ChangeGains,
     ChangeLaw,
     OperatorRequest,
+    PowerOn,
     Reply,
     decode_reply,
     decode_request,
@@ -207,6 +208,41 @@ def test_without_an_image_the_servo_is_asked_and_stopped_as_ever(
     assert client.status().board.age_ms is None
     assert client.stop().board.age_ms is None
     assert client.power_off().mode == "OFF"
+
+
+def test_power_does_not_come_later_to_whom_a_standing_loop_was_told_of(monkeypatch: pytest.MonkeyPatch) -> None:
+    process, visitor = Bench(ServoBench().tick(5)), SimpleNamespace(label="here", gone=threading.Event())
+
+    def loop(condition: Callable[[], bool]) -> None:
+        """It runs until power is asked for."""
+        if process.mailbox.memory.command.power:
+            raise LinkTimeout("the servo's loop does not run")
+        process.bench.tick(5)
+        assert condition()
+
+    monkeypatch.setattr(requests_module, "await_loop", loop)
+    controls = Controls(process)
+    answer = decode_reply(controls.answer(cast(Any, visitor), encode(PowerOn())))
+    controls.farewell(cast(Any, visitor))
+    assert (answer.ok, answer.error) == (False, "the servo's loop does not run")
+    process.bench.tick(300)  # it runs again
+    assert process.mailbox.snapshot().mode == Mode.OFF
+
+
+def test_power_does_not_come_to_whoever_has_gone_meanwhile(monkeypatch: pytest.MonkeyPatch) -> None:
+    process, visitor = Bench(ServoBench().tick(5)), SimpleNamespace(label="here", gone=threading.Event())
+
+    def loop(_condition: Callable[[], bool]) -> None:
+        process.bench.tick(5)
+        visitor.gone.set()
+
+    monkeypatch.setattr(requests_module, "await_loop", loop)
+    controls = Controls(process)
+    answer = decode_reply(controls.answer(cast(Any, visitor), encode(PowerOn())))
+    controls.farewell(cast(Any, visitor))
+    assert (answer.ok, answer.error) == (False, "whoever asked for arm power has gone: it stays off")
+    process.bench.tick(300)
+    assert process.mailbox.snapshot().mode == Mode.OFF
 
 
 def test_power_comes_and_goes_and_the_status_tells(servo: Bench, client: ServoClient) -> None:

@@ -10,7 +10,7 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from qrobot.errors import LinkError, QRobotError
+from qrobot.errors import LinkError, LinkTimeout, QRobotError
 from qrobot.log.events import log_events
 from qrobot.log.read import Log, read_log
 from qrobot.log.record import write_log
@@ -102,6 +102,41 @@ def test_names_are_noted_once_and_those_of_a_swap_with_it(servo: Servo, tmp_path
     log = servo.logged(tmp_path)
     assert [entry.program_signals for entry in log.laws] == ["", "force", "height", "height"]
     assert [event.text for event in log_events(log) if event.kind == "law"] == ["law qrobot anew"]
+
+
+def stands_still(_condition: object) -> None:
+    raise LinkTimeout("the servo's loop does not run")
+
+
+def test_a_law_that_a_standing_loop_takes_when_it_goes_on_is_told_as_that(
+    servo: Servo, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(law_changes, "await_loop", stands_still)
+    with pytest.raises(LinkTimeout, match="does not run; should it go on, it takes law pd"):
+        servo.changes.change_law(ChangeLaw(name="pd"), threading.Event())
+    for _ in range(2):  # what the loop may be reading is not written over
+        with pytest.raises(LinkTimeout, match=r"does not run$"):
+            servo.changes.change_gains(ChangeGains(kv=tuple(servo.robot.control.kv)))
+    assert servo.law_name == "qrobot"
+    servo.bench.tick(10)
+    servo.changes.note_fallback()
+    assert servo.said == ["law pd has been taken late: the loop did not run when it was asked for"]
+    assert servo.law_name == "pd"
+    log = servo.logged(tmp_path)
+    assert [event.text for event in log_events(log) if event.kind == "law"] == ["law qrobot -> pd"]
+
+
+def test_gains_that_a_standing_loop_takes_late_are_those_that_later_changes_begin_with(
+    servo: Servo, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    kv = tuple(1.25 * each for each in servo.robot.control.kv)
+    with monkeypatch.context() as patch:
+        patch.setattr(law_changes, "await_loop", stands_still)
+        with pytest.raises(LinkTimeout):
+            servo.changes.change_gains(ChangeGains(kv=kv))
+    servo.changes.change_gains(ChangeGains(kp=tuple(servo.robot.control.kp)))
+    np.testing.assert_array_equal(servo.swap.gains[1], kv)
+    assert "has been taken late" in servo.said[0]
 
 
 def test_a_law_that_failed_is_told_for_the_cycles_it_was_in_force(servo: Servo, tmp_path: Path) -> None:
