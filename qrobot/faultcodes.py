@@ -285,11 +285,19 @@ def of_joint(joint: int) -> str:
     return "" if joint == NO_JOINT else f"joint {joint + 1}: "
 
 
+def fault_name(code: int) -> str:
+    """Name of a fault code, also of one that this version does not know: a log may be of a later one."""
+    try:
+        return FaultCode(code).name
+    except ValueError:
+        return f"fault {code}"
+
+
 def explain(code: int, joint: int = NO_JOINT) -> str:
     """One line for people: the joint (from 0) if the code speaks of one, name, what happened, what to do."""
     try:
         fault = FaultCode(code)
     except ValueError:
-        return f"{of_joint(joint)}fault {code} (unknown to this version)"
+        return f"{of_joint(joint)}{fault_name(code)} (unknown to this version)"
     what, remedy = EXPLANATION[fault]
     return f"{of_joint(joint)}{fault.name}: {what}; {remedy}"

@@ -14,7 +14,7 @@ from rich.text import Text
 
 from qrobot.cli.arms import DEFAULT_DEPLOYMENT, LAW_NAMES
 from qrobot.cli.console import FAILURE, SUCCESS, command_name, err, note, out, print_table, write_json
-from qrobot.cli.option_types import OutputFile, OutputFolder
+from qrobot.cli.option_types import OutputFolder, OutputSummary
 from qrobot.config.deployment import DeployedArm, Interpolation, Velocity
 from qrobot.errors import ConfigError, Stalled
 
@@ -44,7 +44,7 @@ def demo(
     interpolation: Interpolation | None = None,
     deployment: str = DEFAULT_DEPLOYMENT,
     out_dir: OutputFolder = Path("out/demo"),
-    json: OutputFile | None = None,
+    json: OutputSummary | None = None,
 ) -> int:
     """Move an emulated PUMA 560 through the experiment of the QRobot paper and show how well it tracked.
 
@@ -70,7 +70,7 @@ def demo(
     out_dir
         Where logs and figures go.
     json
-        Write a summary as JSON to this file as well.
+        Write a summary as JSON to this file, a `.json`, as well.
     """
     from qrobot.cli.arms import choose_arm, robot_of_arm
     from qrobot.cli.servo_settings import check_law

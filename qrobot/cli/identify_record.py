@@ -264,7 +264,7 @@ def read_rows(
 ) -> tuple[Rows, LogHeader]:
     """The rows of several logs of one robot at one rate, and the header of the first; `like` is that of others.
 
-    A cycle of a running servo that several logs have counts once, and not at all where it is among the rows `beside`.
+    A cycle that several logs have counts once, and not at all where it is among the rows `beside`.
 
     Raises:
         ConfigError: there is none.
@@ -287,12 +287,16 @@ def read_rows(
 
 
 def _without(log: Log, others: Sequence[Rows]) -> Rows:
-    """The rows of a log of a running servo that `others` do not have; two cycles are one when number and time agree.
+    """The rows of a log that `others` do not have; two cycles of a running servo are one when number and time agree.
 
-    Virtual time begins anew in each log, so that it tells no cycles apart.
+    Virtual time begins anew in each log, so that it tells no cycles apart: there a log is the same as another one, or
+    not. Two runs in lock-step are the same to the last bit, and the second tells nothing new.
     """
     if log.header.wall_offset_ns == 0:
-        return log.rows
+        if not any(log.rows.tobytes() in rows.tobytes() for rows in others):
+            return log.rows
+        note(f"{log.path}: all of its cycles are in another log as well, and count once")
+        return log.rows[:0]
     new = np.ones(log.rows.size, np.bool_)
     for rows in others:
         new &= ~np.isin(_cycles(log.rows), _cycles(rows))

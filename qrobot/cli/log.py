@@ -127,7 +127,7 @@ def _facts(log: Log, being_written: bool) -> dict[str, Any]:
     from qrobot.faultcodes import explain
     from qrobot.log.events import log_events
     from qrobot.log.flight import incidents_of
-    from qrobot.log.summary import sensed, tracking_summary, wall_clock
+    from qrobot.log.summary import plain_numbers, sensed, tracking_summary, wall_clock
 
     header, summary = log.header, tracking_summary(log).to_dict()
     return {
@@ -152,7 +152,10 @@ def _facts(log: Log, being_written: bool) -> dict[str, Any]:
         "sensed": sensed(log),
         **summary,
         "faults": [explain(code) for code in summary["faults"]],
-        "incidents": [incident.to_dict() | {"line": incident.line(header.prismatic)} for incident in incidents_of(log)],
+        "incidents": [
+            plain_numbers(incident.to_dict()) | {"line": incident.line(header.prismatic)}
+            for incident in incidents_of(log)
+        ],
         "setup": [asdict(step) for step in header.setup],
         "attachments": list(log.attachments),
         "events": [event.to_dict() for event in log_events(log)],

@@ -84,10 +84,19 @@ def require_writable_folder(path: Path) -> None:
 
 def checked_folder(path: Path) -> Path:
     """A folder that no option named, but a file or the command itself; ConfigError when there can be no files in it."""
+    return _checked(path, "folder", require_writable_folder)
+
+
+def checked_file(path: Path) -> Path:
+    """A file that no option named, but the command itself; ConfigError when it cannot be written."""
+    return _checked(path, "file", require_writable_file)
+
+
+def _checked(path: Path, kind: str, require: Callable[[Path], None]) -> Path:
     try:
-        require_writable_folder(path)
+        require(path)
     except ValueError as error:
-        raise ConfigError(f"{error}; name another folder, or run the command elsewhere") from None
+        raise ConfigError(f"{error}; name another {kind}, or run the command elsewhere") from None
     return path
 
 
@@ -229,6 +238,7 @@ OutputRobot = Annotated[
 OutputCalibration = Annotated[
     Path, Parameter(validator=_each_path(FileOfKind("a table", (".txt",), kind=FileKind.CALIBRATION)))
 ]
+OutputSummary = Annotated[Path, Parameter(validator=_each_path(FileOfKind("a summary", (".json",))))]
 OutputPage = Annotated[Path, Parameter(validator=_each_path(FileOfKind("a page", (".html",))))]
 OutputResults = Annotated[
     Path, Parameter(validator=_each_path(FileOfKind("a results file", (".jsonl",), require_growing_file)))

@@ -14,7 +14,7 @@ from cyclopts import Parameter
 
 from qrobot.cli.arms import DEFAULT_DEPLOYMENT, choose_arm, robot_of_arm, tool_of_arm
 from qrobot.cli.console import note, out
-from qrobot.cli.option_types import OutputFile, Range
+from qrobot.cli.option_types import OutputFile, Range, checked_file
 from qrobot.config.deployment import DeployedArm, deployment_path, load_deployment
 from qrobot.report import QueuedReport, ReportHandler
 
@@ -32,7 +32,7 @@ def pendant(
     deployment: str = DEFAULT_DEPLOYMENT,
     arm: str | None = None,
     port: PortOption = DEFAULT_PORT,
-    taught: OutputFile = Path("taught.db"),
+    taught: OutputFile | None = None,
     programs: Path | None = None,
     log: Path | None = None,
     show: bool = False,
@@ -56,8 +56,8 @@ def pendant(
     port
         Where to listen; 0 takes a free one.
     taught
-        File of places by name, as `qrobot teach` has it. Where the deployment has several arms each has its own beside
-        it, such as `taught-left.db`.
+        File of places by name, as `qrobot teach` has it; `taught.db` if left out. Where the deployment has several arms
+        each has its own beside it, such as `taught-left.db`.
     programs
         Folder of programs (.py, .c, .v2) that pages list and start, beside what the arm was led through; no others.
     log
@@ -81,8 +81,10 @@ def pendant(
 
     arms = () if log is not None else _arms(deployment, arm)
     several = log is None and len(_arms(deployment, None)) > 1
-    for each in arms:
-        _add_station(floor, each, _places_of(each, taught) if several else taught, runner_of(each))
+    if arms:
+        places = taught or checked_file(Path("taught.db"))
+        for each in arms:
+            _add_station(floor, each, _places_of(each, places) if several else places, runner_of(each))
     shelf = _shelf_of_arms(arms) if log is None else _shelf_of(log)
     listener = open_port(port)
     address = address_of(listener, token)

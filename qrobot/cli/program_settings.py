@@ -46,6 +46,10 @@ def settings_of(program: Path) -> ProgramSettings:
 def _read(lines: str, program: Path) -> ProgramSettings:
     try:
         head: dict[str, Any] = tomllib.loads("\n".join(line.removeprefix("#") for line in lines.splitlines()))
-    except (tomllib.TOMLDecodeError, RecursionError) as error:
+    except (ValueError, RecursionError) as error:
         raise ConfigError(f"{program}, in its head: {error}") from error
-    return check_document(ProgramSettings, head.get("tool", {}).get("qrobot", {}), f"{program.name}, [tool.qrobot]")
+    tools = head.get("tool", {})
+    ours = tools.get("qrobot", {}) if isinstance(tools, dict) else tools
+    if not isinstance(ours, dict):
+        raise ConfigError(f"{program}, in its head: [tool.qrobot] is a table, not {ours!r:.40}")
+    return check_document(ProgramSettings, ours, f"{program.name}, [tool.qrobot]")

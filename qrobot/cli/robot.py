@@ -31,8 +31,8 @@ app = App(name="robot", help=HELP, help_format="plaintext", group_commands="Comm
 MJCF_STEP_S = 0.25e-3  # [A] that of the emulator at 4 kHz
 Format = Literal["urdf", "mjcf", "dh", "toml"]
 _KINDS: Final[dict[str, FileOfKind]] = {
-    "urdf": FileOfKind("a URDF", (".urdf", ".xml")),
-    "mjcf": FileOfKind("an MJCF model", (".xml", ".mjcf")),
+    "urdf": FileOfKind("a URDF", (".urdf", ".xml"), kind=FileKind.URDF),
+    "mjcf": FileOfKind("an MJCF model", (".xml", ".mjcf"), kind=FileKind.MJCF),
     "dh": FileOfKind("a table of rows", (".csv",)),
     "toml": FileOfKind("a robot file", (".toml",), kind=FileKind.ROBOT),
 }

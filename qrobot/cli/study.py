@@ -180,17 +180,22 @@ def _report(results: Results, plot: Path | None, as_json: bool) -> None:
     view = VIEWS.get(results.terms["study"])
     if view is None:
         raise ConfigError(f"this version knows no study {results.terms['study']!r}; it knows {', '.join(VIEWS)}")
-    summary: Any = view.summarise(results)
-    if plot is not None:
-        save_figure(view.figure(summary), plot)
+    try:
+        summary: Any = view.summarise(results)
+        told, tables, lines = summary.to_dict(), list(view.tables(summary)), list(view.lines(summary))
+        figure = None if plot is None else view.figure(summary)
+    except (LookupError, TypeError, ValueError, AttributeError, ArithmeticError) as error:
+        raise ConfigError(f"results of another version, or damaged: {type(error).__name__}: {error}") from error
+    if plot is not None and figure is not None:
+        save_figure(figure, plot)
         note(f"figure {plot}")
     if as_json:
-        write_json({"terms": results.terms} | summary.to_dict())
+        write_json({"terms": results.terms} | told)
         return
-    for table in view.tables(summary):
+    for table in tables:
         print_table(table)
         out.print()
-    for line in view.lines(summary):
+    for line in lines:
         out.print(line, soft_wrap=True)
     for seed, reason in summary.failed.items():
         out.print(f"arm {seed}: {reason}", style="red", soft_wrap=True)

@@ -90,7 +90,7 @@ def parse_document(content: bytes, label: str) -> dict[str, Any]:
     """Parse the content of a TOML file; `label` stands in front of the mistakes. Raises ConfigError as above."""
     try:
         return deepcopy(_tables(content))
-    except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+    except ValueError as error:  # no UTF-8, no TOML, or a number of thousands of digits
         raise ConfigError(f"{label}: {error}") from error
     except RecursionError:
         raise ConfigError(f"{label}: its values are nested too deeply to be read") from None

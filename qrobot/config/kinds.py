@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import tomllib
 from collections.abc import Mapping
 from enum import Enum
@@ -21,6 +22,8 @@ class FileKind(Enum):
     FAULTS = "a file of faults", "give it to the emulated board"
     RECORDING = "a recording for identification", "read it with `qrobot.ident.compact_recording.load_recording`"
     LOG = "a log", "give it to `qrobot log` or `qrobot identify fit`"
+    URDF = "a URDF", "give it to `qrobot robot import`"
+    MJCF = "an MJCF model", "give it to MuJoCo"
 
     @property
     def called(self) -> str:
@@ -41,6 +44,8 @@ _KEYS: Final = {  # a key at the top of a document that no other kind has
     "joints": FileKind.ROBOT,
     "faults": FileKind.FAULTS,
 }
+_ROOTS: Final = {"robot": FileKind.URDF, "mujoco": FileKind.MJCF}  # of XML
+_ROOT: Final = re.compile(r"\s*(?:<\?.*?\?>\s*|<!--.*?-->\s*|<!DOCTYPE[^>]*>\s*)*<([\w:.-]+)", re.DOTALL)
 _MAGIC: Final = {b"\x89MCAP": FileKind.LOG, b"PK\x03\x04": FileKind.RECORDING}
 _LOOKED_AT: Final = 1 << 20  # bytes; a document is shorter
 
@@ -75,9 +80,11 @@ def refuse_other_kind(path: Path, wanted: FileKind) -> None:
 
 
 def _kind_of_text(text: str) -> FileKind | None:
+    if root := _ROOT.match(text):
+        return _ROOTS.get(root[1])
     try:
         return kind_of_document(tomllib.loads(text))
-    except (tomllib.TOMLDecodeError, RecursionError):
+    except (ValueError, RecursionError):  # no TOML, or a number of thousands of digits
         return FileKind.CALIBRATION if _is_table(text) else None
 
 

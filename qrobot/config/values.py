@@ -111,9 +111,16 @@ def _one_or_numbers(value: Any, info: ValidationInfo) -> float | Floats:
     """One finite number for all joints, or float64 of shape (n,)."""
     if isinstance(value, list):
         return frozen(_array(value, (_n(info),), "iuf", "numbers").astype(np.float64))
-    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-        raise ValueError(f"must be a finite number, or {_n(info)} numbers")
-    return float(value)
+    wanted = f"must be a finite number, or {_n(info)} numbers"
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise ValueError(wanted)
+    try:
+        number = float(value)
+    except OverflowError as error:
+        raise ValueError(wanted) from error
+    if not math.isfinite(number):
+        raise ValueError(wanted)
+    return number
 
 
 def _degrees(value: Any, info: ValidationInfo) -> Floats:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import json
 import zipfile
+import zlib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -62,6 +63,11 @@ def save_recording(path: Path, recording: CompactRecording) -> None:
         raise IdentificationError(f"cannot write the recording to {path}: {error.strerror}") from error
 
 
+_DAMAGES: Final = (
+    OSError, EOFError, LookupError, TypeError, ValueError, RuntimeError, zipfile.BadZipFile, zlib.error,
+)  # fmt: skip
+
+
 def load_recording(name_or_path: str | Path) -> CompactRecording:
     """Read a recording: a path to an `.npz`, or the name of a packaged one.
 
@@ -75,7 +81,7 @@ def load_recording(name_or_path: str | Path) -> CompactRecording:
             columns = {name: _unpacked(archive[name]) for name in (*WHOLE, "q_ref", *STEP)}
         robot = load_robot(about["robot"])
         return CompactRecording(robot, _rows(robot, columns), float(about["period_s"]), dict(about["facts"]))
-    except (OSError, EOFError, KeyError, TypeError, ValueError, zipfile.BadZipFile) as error:
+    except _DAMAGES as error:
         raise ConfigError(f"{path} is no recording for identification: {error}") from error
 
 

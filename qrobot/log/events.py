@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from qrobot.arrays import Floats
-from qrobot.faultcodes import FaultCode, explain
+from qrobot.faultcodes import explain, fault_name
 from qrobot.log.read import Log
 from qrobot.modecodes import mode_name
 from qrobot.servo.memory.law_history import LawInForce
@@ -96,7 +96,7 @@ def _fault_events(rows: Rows, t_s: Floats) -> Iterator[LogEvent]:
     for k in _changes(rows["fault"], first=0):
         if code := int(rows["fault"][k]):
             text = explain(code, int(rows["event_joint"][k]))
-            yield LogEvent(t_s[k].item(), int(rows["tick"][k]), "fault", _code_name(code), text)
+            yield LogEvent(t_s[k].item(), int(rows["tick"][k]), "fault", fault_name(code), text)
 
 
 def _mode_events(rows: Rows, t_s: Floats) -> Iterator[LogEvent]:
@@ -109,10 +109,3 @@ def _mode_events(rows: Rows, t_s: Floats) -> Iterator[LogEvent]:
 def _changes(column: NDArray[np.int64], first: Any) -> NDArray[np.int64]:
     """Rows that differ from the one before; the one before the first is `first`."""
     return np.flatnonzero(np.diff(column, prepend=first))
-
-
-def _code_name(code: int) -> str:
-    try:
-        return FaultCode(code).name
-    except ValueError:
-        return f"fault {code}"

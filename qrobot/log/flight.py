@@ -135,5 +135,5 @@ def incidents_of(log: Log) -> list[Incident]:
     damaged."""
     try:
         return [Incident.from_dict(fields) for fields in json.loads(log.attachments.get(ATTACHMENT, b"[]"))]
-    except (ValueError, TypeError, KeyError) as error:
+    except (ValueError, TypeError, KeyError, RecursionError) as error:
         raise LogError(f"{ATTACHMENT} in {log.path} is damaged: {error}") from None

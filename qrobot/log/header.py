@@ -5,10 +5,13 @@ from __future__ import annotations
 import json
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, fields
+from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from itertools import chain, count
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
+
+from pydantic import TypeAdapter, ValidationError
 
 from qrobot.config import Robot
 from qrobot.config.identified import robot_digest
@@ -108,9 +111,13 @@ class LogHeader:
             raise LogError(f"the log has format {metadata.get('format')!r}, this version reads {FORMAT!r}")
         try:
             values = {field.name: json.loads(metadata[field.name]) for field in fields(cls) if field.name in metadata}
-            return cls(**_frozen(values))
-        except (KeyError, TypeError, ValueError, RecursionError) as error:
+            header: LogHeader = _checked().validate_python(values)
+        except ValidationError as error:
+            places = (f"{'.'.join(map(str, wrong['loc']))}: {wrong['msg']}" for wrong in error.errors())
+            raise LogError(f"the log's header is damaged: {'; '.join(places)}") from None
+        except (ValueError, RecursionError) as error:
             raise LogError(f"the log's header is damaged: {error}") from None
+        return header
 
 
 def header_for(
@@ -162,6 +169,6 @@ def attach_files(paths: Iterable[Path]) -> list[Attachment]:
         raise LogError(f"cannot attach {error.filename}: {error.strerror}") from None
 
 
-def _frozen(values: dict[str, Any]) -> dict[str, Any]:
-    setup = tuple(SetupStep(**step) for step in values.pop("setup", ()))
-    return {key: tuple(value) if isinstance(value, list) else value for key, value in values.items()} | {"setup": setup}
+@cache
+def _checked() -> TypeAdapter[LogHeader]:
+    return TypeAdapter(LogHeader)

@@ -111,7 +111,10 @@ def wall_clock(log: Log) -> str:
     if not (log.rows.size and log.header.wall_offset_ns):
         return ""
     began_s = (int(log.rows["t_ns"][0]) + log.header.wall_offset_ns) / NS_PER_S
-    return datetime.fromtimestamp(began_s, UTC).isoformat(timespec="milliseconds")
+    try:
+        return datetime.fromtimestamp(began_s, UTC).isoformat(timespec="milliseconds")
+    except (ValueError, OverflowError, OSError):  # beyond the calendar: its header is damaged
+        return ""
 
 
 def sensed(log: Log) -> list[str]:

@@ -40,6 +40,7 @@ class BoardAccess:
         self._tell, self._clock = tell, clock
         self._process: subprocess.Popen[bytes] | None = None
         self._asked_s = self._began_s = -AGAIN_S
+        self._beginning = threading.Lock()
         self._seen: dict[str, Any] = {}
         self._kinds: list[Any] = []
         self._problem = "looking at the board"
@@ -54,8 +55,9 @@ class BoardAccess:
             kinds: with what can be broken in it, which does not change.
         """
         self._asked_s = self._clock()
-        if self._process is None and self._asked_s - self._began_s >= AGAIN_S:
-            self._begin()
+        with self._beginning:  # two pages may look at once
+            if self._process is None and self._asked_s - self._began_s >= AGAIN_S:
+                self._begin()
         seen = {"emulated": self.emulated, "problem": self._problem, "board": self._seen or None}
         return seen | ({"kinds": self._kinds if self.emulated else []} if kinds else {})
 

@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TextIO
+from typing import TextIO
 
 from qrobot.errors import ConfigError
 from qrobot.realtime.file_lock import lock_alone
@@ -48,11 +48,11 @@ def read_results(path: Path) -> Results:
     except (OSError, UnicodeDecodeError) as error:
         raise ConfigError(f"cannot read results of `qrobot study` from {path}: {error}") from error
     try:
-        terms, *outcomes = [json.loads(line) for line in text[: _whole(text)].splitlines()]
+        terms, *outcomes = [json.loads(line) for line in text[: text.rfind("\n") + 1].splitlines()]
         by_seed = {int(outcome["seed"]): outcome for outcome in outcomes}
         if not isinstance(terms["study"], str):
             raise TypeError("the study has no name")
-    except (ValueError, KeyError, TypeError, RecursionError) as error:
+    except (ValueError, KeyError, TypeError, OverflowError, RecursionError) as error:
         raise ConfigError(f"{path} is no results file of `qrobot study`") from error
     return Results(terms, tuple(by_seed[seed] for seed in sorted(by_seed)))
 
@@ -68,8 +68,8 @@ class ResultsWriter:
         self._write(outcome)
         os.fsync(self._file.fileno())
 
-    def _write(self, line: Any) -> None:
-        self._file.write(json.dumps(line, separators=(",", ":")) + "\n")
+    def _write(self, values: ArmResult) -> None:
+        self._file.write(_line(values))
         self._file.flush()
 
     def begin(self, terms: ArmResult) -> None:
@@ -97,19 +97,25 @@ def open_results(path: Path, terms: ArmResult) -> Iterator[tuple[ResultsWriter, 
 
 
 def _go_on(file: TextIO, path: Path, terms: ArmResult) -> frozenset[int]:
-    """Seeds of what is there; a torn last line is cut off, an empty file gets its first line."""
-    whole = _whole(path.read_text(encoding="utf-8", errors="replace"))
+    """Seeds of what is there; a torn last line is cut off, an empty file gets its first line.
+
+    A file without a whole line is somebody else's, unless it is a beginning of what would be written, or only zeros, as
+    power cuts leave them.
+    """
+    data = path.read_bytes()
+    whole = data.rfind(b"\n") + 1
     if not whole:
+        if data.strip(b"\0") and not _line(terms).encode().startswith(data):
+            raise ConfigError(f"{path} holds something else than results of `qrobot study`: name another file")
         file.truncate(0)
         ResultsWriter(file).begin(terms)
         return frozenset()
     before = read_results(path)
     if differing := sorted(key for key in {*terms, *before.terms} if terms.get(key) != before.terms.get(key)):
         raise ConfigError(f"{path} holds results of another {', '.join(differing)}: name another file")
-    file.truncate(len(path.read_text(encoding="utf-8")[:whole].encode()))
+    file.truncate(whole)
     return frozenset(outcome["seed"] for outcome in before.outcomes)
 
 
-def _whole(text: str) -> int:
-    """Length of the lines that end."""
-    return text.rfind("\n") + 1
+def _line(values: ArmResult) -> str:
+    return json.dumps(values, separators=(",", ":")) + "\n"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import re
 import runpy
@@ -14,6 +15,8 @@ import numpy as np
 import pytest
 
 from qrobot.config import load_robot
+from qrobot.config.document import packaged_path
+from qrobot.config.kinds import FileKind
 from qrobot.errors import ConfigError, IdentificationError
 from qrobot.ident.base import base_of_robot
 from qrobot.ident.compact_recording import CompactRecording, load_recording, save_recording
@@ -115,6 +118,13 @@ def test_what_is_no_recording_is_refused(tmp_path: Path) -> None:
         path.write_bytes(content)
         with pytest.raises(ConfigError, match=rf"{name} is no recording for identification"):
             load_recording(path)
+    whole, rng = packaged_path("unknown_arm", FileKind.RECORDING, "data", ".npz").read_bytes(), np.random.default_rng(4)
+    for _ in range(40):
+        damaged = bytearray(whole)
+        damaged[rng.integers(len(damaged))] ^= 1 << rng.integers(8)
+        (tmp_path / "damaged.npz").write_bytes(damaged)
+        with contextlib.suppress(ConfigError):
+            load_recording(tmp_path / "damaged.npz")
     np.savez(tmp_path / "other.npz", x=np.zeros(3))
     with pytest.raises(ConfigError, match="is no recording for identification"):
         load_recording(tmp_path / "other.npz")

@@ -30,6 +30,7 @@ from qrobot.whole_file import replace_file
 
 MOST_ROWS: Final = 256  # per joint; the PUMA 560 has up to 80
 FEWEST_ROWS: Final = 8
+_IS_COUNT: Final = re.compile("[0-9]{1,6}")  # of rows
 FARTHEST_POT: Final = 32768  # 10 V
 FARTHEST_COUNT: Final = 65536  # a 16-bit counter, shifted by an offset as on joint 4
 OFF_LINE: Final = 0.5  # rows of pot travel by which a reading may lie beside the straight line through all
@@ -193,7 +194,7 @@ def _rows_by_number(lines: list[tuple[int, list[str]]], label: str) -> list[list
             missing -= 1
             continue
         joint = len(rows) + 1
-        if len(words) != 2 or words[0] != str(joint) or not words[1].isdecimal():
+        if len(words) != 2 or words[0] != str(joint) or not _IS_COUNT.fullmatch(words[1]):
             raise ConfigError(
                 f"{label}:{number}: expected the header of joint {joint}, `{joint} ROWS` or `joint {joint}`, "
                 f"found {' '.join(words)!r}"

@@ -65,7 +65,7 @@ def _module(file: Path) -> ModuleType:
     try:
         # not by the loader, which takes a file of the same size and second for the one it has compiled
         exec(compile(text, str(file.resolve()), "exec"), vars(module))
-    except Exception as error:  # whatever a user's file raises
+    except (Exception, SystemExit) as error:  # whatever a user's file raises
         del sys.modules[name]
         raise ConfigError(f"{place_of(file, error)}: {type(error).__name__}: {error}") from error
     return module

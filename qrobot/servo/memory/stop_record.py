@@ -13,7 +13,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from qrobot.faultcodes import FaultCode, Quantity, explain, of_joint, quantity_of
+from qrobot.faultcodes import Quantity, explain, fault_name, of_joint, quantity_of
 from qrobot.modecodes import mode_name
 from qrobot.realtime.flat_record import float_bits
 from qrobot.realtime.jit import lean_kernel
@@ -80,7 +80,7 @@ class Incident:
 
     def to_dict(self) -> dict[str, object]:
         """Plain values for JSON, with the names of code and modes."""
-        names = {"name": FaultCode(self.code).name, "from": mode_name(self.mode_from), "to": mode_name(self.mode_to)}
+        names = {"name": fault_name(self.code), "from": mode_name(self.mode_from), "to": mode_name(self.mode_to)}
         return vars(self) | names
 
     @classmethod

@@ -170,11 +170,25 @@ def test_of_a_recording_that_was_not_ended_it_is_told_that_passes_may_be_missing
 
 
 def test_runs_on_virtual_time_are_taken_whole_and_so_are_those_of_another_servo(tmp_path: Path) -> None:
-    later = cycles(0, 300)
+    later, other = cycles(0, 300), cycles(0, 300, carried=0.5)
     later["t_ns"] += 1
-    for header, rows in ((HEADER, cycles(0, 300)), (replace(HEADER, clock=LOCKSTEP), cycles(0, 300)), (REAL, later)):
+    for header, rows in ((HEADER, other), (replace(HEADER, clock=LOCKSTEP), other), (REAL, later)):
         logs = [write_log(tmp_path / f"{n}.mcap", made, header)[0] for n, made in ((1, cycles(0, 300)), (2, rows))]
         assert read_rows(logs)[0].size == 600
+
+
+def test_a_run_on_virtual_time_that_is_given_twice_counts_once(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Twice the rows would tell intervals that are too narrow by a third, and passes held back would be in the fit."""
+    first, second, other = (
+        write_log(tmp_path / f"{name}.mcap", cycles(0, 300, carried), replace(HEADER, clock=LOCKSTEP))[0]
+        for name, carried in (("first", 0.0), ("second", 0.0), ("other", 0.5))
+    )
+    rows, _ = read_rows([first, other, second])
+    assert rows.size == 600
+    assert "second.mcap: all of its cycles are in another log as well" in " ".join(capsys.readouterr().err.split())
+    assert read_rows([second], HEADER, beside=rows)[0].size == 0
 
 
 @contextlib.contextmanager

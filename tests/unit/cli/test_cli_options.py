@@ -267,11 +267,11 @@ def test_a_file_of_another_kind_is_not_written_over(
             assert (tmp_path / name).read_text() == "somebody's work"
 
 
-SHARED = {".toml", ".txt"}  # suffixes of several kinds of file
+SHARED = {".toml", ".txt", ".xml"}  # suffixes of several kinds of file
 
 
 @pytest.mark.parametrize("option", [each for each in OF_A_KIND if SHARED & set(each.suffixes)], ids=str)
-@pytest.mark.parametrize("text", ["somebody's work", "[[arm]]\nname = 'left'\n", "[tool.ruff]\n", "\0\1"])
+@pytest.mark.parametrize("text", ["somebody's work", "[[arm]]\nname = 'left'\n", "[tool.ruff]\n", "<launch/>", "\0\1"])
 def test_a_file_of_another_kind_and_the_same_suffix_is_not_written_over(
     capsys: pytest.CaptureFixture[str], tmp_path: Path, option: Option, text: str
 ) -> None:

@@ -13,7 +13,9 @@ import pytest
 from qrobot.cli.console import run_app
 from qrobot.cli.main import make_app
 from qrobot.config.deployment import DeployedArm
+from qrobot.log.record import write_log
 from qrobot.pendant import server
+from tests.support.log_samples import make_header, make_rows
 from tests.support.patience import PATIENCE_S, wait_until
 from tests.support.processes import write_deployment
 
@@ -55,6 +57,18 @@ def test_what_goes_wrong_is_told_without_waiting_for_a_terminal(
     assert run_app(make_app("pendant"), ["pendant", "--deployment", deployment, "--port", "0", "--taught", taught]) == 0
     assert done == ["pages"]
     assert told[1:] == ["the watch failed", "pendant: RuntimeError: no room"]
+
+
+def test_only_who_drives_an_arm_needs_a_file_of_places(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A log may be looked at where nothing can be written."""
+    log, deployment = write_log(tmp_path / "run.mcap", make_rows(3), make_header())[0], str(write_deployment(tmp_path))
+    monkeypatch.chdir("/proc")
+    monkeypatch.setattr("qrobot.pendant.server.serve", lambda _app, listener, _began: listener.close())
+    assert run_app(make_app("pendant"), ["pendant", "--log", str(log), "--port", "0"]) == 0
+    assert run_app(make_app("pendant"), ["pendant", "--deployment", deployment, "--port", "0"]) == 1
+    assert "cannot write taught.db" in " ".join(capsys.readouterr().err.split())
 
 
 @pytest.mark.parametrize(

@@ -97,6 +97,8 @@ def test_what_a_urdf_does_not_tell_is_asked_for_by_name_and_a_link_without_weigh
         (["export", "puma560", "-o", "{folder}/arm.toml"], FAILURE, "a URDF ends in .urdf or .xml"),
         (["export", "puma560", "--format", "toml", "-o", "{folder}/cell.toml"], FAILURE, "it is a deployment file"),
         (["export", "puma560", "--format", "dh", "-o", "{folder}/lesson.csv"], FAILURE, "it is no table of such rows"),
+        (["export", "puma560", "--format", "mjcf", "-o", "{folder}/nodes.xml"], FAILURE, "it is something else"),
+        (["export", "puma560", "-o", "{folder}/nodes.xml"], FAILURE, "it is something else, not a URDF"),
         (["import", "{folder}/none.urdf", "-o", "{folder}/arm.toml"], FAILURE, "none.urdf"),
         (["import", "{folder}/fork.urdf", "--like", "puma560", "-o", "{folder}/arm.toml"], FAILURE, "--tip"),
         (["import", "{folder}/fork.urdf", "-o", "{folder}/arm.json"], USAGE, "ends in .toml"),
@@ -115,6 +117,7 @@ def test_what_cannot_be_is_told_in_words(
         "</robot>"
     )
     (tmp_path / "cell.toml").write_text("[[arm]]\n")
+    (tmp_path / "nodes.xml").write_text("<launch/>\n")
     (tmp_path / "lesson.csv").write_text("# qrobot setpoints 1\n")
     file = robot_path("puma560").read_text()
     (tmp_path / "flat.toml").write_text(re.sub(r"(\ninertia = \[\s*)\[.*?\]", r"\1[0.02, 0.11, 0.9]", file, count=1))

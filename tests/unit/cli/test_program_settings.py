@@ -41,12 +41,20 @@ def test_a_compiled_program_says_nothing(tmp_path: Path) -> None:
         ("scene = crank", ["program.py", "line"]),
         ('seen = "crank"', ["program.py", "seen"]),
         ("scene = 3", ["program.py", "scene"]),
+        (f"scene = {'9' * 5000}", ["program.py"]),
     ],
 )
 def test_a_head_that_cannot_be_is_told(tmp_path: Path, line: str, words: list[str]) -> None:
     with pytest.raises(ConfigError) as caught:
         settings_of(program(tmp_path, HEAD.format(line=line)))
     assert all(word in str(caught.value) for word in words)
+
+
+@pytest.mark.parametrize("table", ["tool = 3", "[tool]\n# qrobot = 5", "[[tool.qrobot]]"])
+def test_a_head_whose_table_is_none_is_told(tmp_path: Path, table: str) -> None:
+    text = HEAD.format(line="").replace("[tool.qrobot]", table)
+    with pytest.raises(ConfigError, match=r"program.py, in its head: \[tool.qrobot\] is a table, not"):
+        settings_of(program(tmp_path, text))
 
 
 @pytest.mark.parametrize(

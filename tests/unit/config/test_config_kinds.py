@@ -47,6 +47,11 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> dict[FileKind, Path]:
     made[FileKind.LOG] = write_log(
         folder / "run.mcap", TelemetryLayout(PUMA.n).empty(3), header_for(PUMA, 10**6, "qrobot")
     )[0]
+    made[FileKind.URDF], made[FileKind.MJCF] = folder / "arm.urdf", folder / "arm.xml"
+    made[FileKind.URDF].write_text(
+        '<?xml version="1.0"?>\n<!-- <mujoco/> -->\n<robot name="r"><link name="a"/></robot>\n'
+    )
+    made[FileKind.MJCF].write_text('<mujoco model="r"/>\n')
     made[FileKind.MODEL], made[FileKind.FAULTS] = folder / "model.toml", folder / "faults.toml"
     made[FileKind.MODEL].write_text('robot = "puma560"\nrobot_digest = "0"\n')
     made[FileKind.FAULTS].write_text('faults = ["encoder:1 off"]\n')
@@ -62,7 +67,7 @@ def test_each_kind_is_known_by_its_contents_whatever_its_name(
     assert kind_of_file(renamed) is kind
 
 
-@pytest.mark.parametrize("wanted", FileKind)
+@pytest.mark.parametrize("wanted", READERS)
 @pytest.mark.parametrize("given", FileKind)
 def test_a_file_of_another_kind_is_told_for_what_it_is(
     wanted: FileKind, given: FileKind, files: dict[FileKind, Path], tmp_path: Path
@@ -78,8 +83,10 @@ def test_a_file_of_another_kind_is_told_for_what_it_is(
         assert given.wanted_at in str(caught.value)
 
 
-@pytest.mark.parametrize("contents", [b"", b"\x00\xff" * 50, b"nonsense", b"a = 1", b"# only a comment\n", b"\x89MCA"])
-@pytest.mark.parametrize("wanted", FileKind)
+@pytest.mark.parametrize(
+    "contents", [b"", b"\x00\xff" * 50, b"nonsense", b"a = 1", b"# only a comment\n", b"\x89MCA", b"<launch/>"]
+)
+@pytest.mark.parametrize("wanted", READERS)
 def test_what_is_of_no_kind_is_an_error_of_its_reader(wanted: FileKind, contents: bytes, tmp_path: Path) -> None:
     path = tmp_path / "file.toml"
     path.write_bytes(contents)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 from pathlib import Path
 
@@ -191,7 +192,22 @@ def test_log_info_tells_what_a_file_was_saved_for(tmp_path: Path, capsys: pytest
     )
 
 
-@pytest.mark.parametrize("damage", [b"{", b"[{}]", b"[1]"])
+def test_an_incident_of_a_later_version_is_told_by_its_number(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    header, incident = header_for(ROBOT, PERIOD_NS, "qrobot"), Incident(1, 5, 7, 999, 2, math.nan, 4.1, 3, 6, 3)
+    told = json.dumps([incident.to_dict()]).encode()
+    write_log(tmp_path / "x.mcap", header.layout.empty(0), header, [Attachment(ATTACHMENT, told)])
+    assert run_app(make_app(), ["log", "info", str(tmp_path / "x.mcap"), "--json"]) == 0
+    [told] = json.loads(capsys.readouterr().out, parse_constant=refuse_constant)["incidents"]
+    assert (told["name"], told["code"], told["value"]) == ("fault 999", 999, None)
+
+
+def refuse_constant(name: str) -> None:
+    raise AssertionError(f"{name} is no JSON")
+
+
+@pytest.mark.parametrize("damage", [b"{", b"[{}]", b"[1]", b"[" * 100_000])
 def test_a_damaged_incident_is_told(tmp_path: Path, damage: bytes) -> None:
     header = header_for(ROBOT, PERIOD_NS, "qrobot")
     write_log(tmp_path / "x.mcap", header.layout.empty(0), header, [Attachment(ATTACHMENT, damage)])

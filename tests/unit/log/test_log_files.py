@@ -20,6 +20,7 @@ from qrobot.log.header import LOCKSTEP, Attachment, LogHeader
 from qrobot.log.read import read_log
 from qrobot.log.record import BACKLOG_BYTES, FLUSH_NS, LogRecorder, write_log
 from qrobot.log.status import LogStatus
+from qrobot.log.summary import wall_clock
 from qrobot.log.topics import later_parts
 from qrobot.log.windows import LogWindows
 from qrobot.log.writer import LogWriter, remove_log
@@ -53,6 +54,28 @@ def test_the_header_and_the_attached_files_come_back(tmp_path: Path) -> None:
     assert log.header == header
     assert log.attachments == {"robot.toml": b"a = 1\n"}
     assert log.header.rate_hz == 2000.0
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("robot", "5"), ("joint_names", '"ab"'), ("joint_names", "[1]"), ("period_ns", "NaN"), ("period_ns", '"x"'),
+        ("part", '"x"'), ("wall_offset_ns", '"x"'), ("prismatic", "[3, 4]"), ("setup", "[1]"), ("law", "null"),
+        ("version", "[" * 100_000),
+    ],
+)  # fmt: skip
+def test_a_header_with_values_of_another_type_is_damaged(key: str, value: str) -> None:
+    told = make_header(2).to_metadata()
+    assert LogHeader.from_metadata(told) == make_header(2)
+    with pytest.raises(LogError, match="the log's header is damaged"):
+        LogHeader.from_metadata(told | {key: value})
+
+
+def test_a_log_that_began_beyond_the_calendar_has_no_date(tmp_path: Path) -> None:
+    write_log(tmp_path / "run.mcap", make_rows(3), make_header())
+    log = read_log(tmp_path / "run.mcap")
+    for offset in (10**30, -(10**30)):
+        assert wall_clock(replace(log, header=replace(log.header, wall_offset_ns=offset))) == ""
 
 
 def test_time_runs_from_the_first_row_and_the_error_is_desired_minus_measured(tmp_path: Path) -> None:

@@ -56,6 +56,26 @@ class Access(BoardAccess):
         return self._process is None
 
 
+def test_pages_that_ask_at_once_begin_one_look(process: type[FakeProcess], monkeypatch: pytest.MonkeyPatch) -> None:
+    access, began = Access(), threading.Barrier(2)
+    begin = access._begin
+
+    def slowly() -> None:
+        second.start()
+        began.wait()  # the other page asks meanwhile
+        begin()
+
+    def ask() -> None:
+        began.wait()
+        access.look(kinds=False)
+
+    second = threading.Thread(target=ask)
+    monkeypatch.setattr(access, "_begin", slowly)
+    access.look(kinds=False)
+    second.join()
+    assert len([command for command in process.started if "show" in command]) == 1
+
+
 def test_a_board_is_looked_at_when_a_page_asks_and_its_complaint_is_told(process: type[FakeProcess]) -> None:
     process.lines = [json.dumps({"kinds": [1]}), json.dumps({"count": 5}), "qrobot: the board of puma560 has gone"]
     access = Access()

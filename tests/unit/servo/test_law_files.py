@@ -106,6 +106,7 @@ HELPER = "from numba import njit\n@njit\ndef near(q):\n    assert q[0] < 1.0\n"
 BAD = [
     ("def law(:\n", "mine.py, line 1: SyntaxError"),
     ("\nimport no_such_module\n", "mine.py, line 2: ModuleNotFoundError: No module named 'no_such_module'"),
+    ("import sys\nsys.exit()\n", "mine.py, line 2: SystemExit"),
     ("x = 1\n", "has no law 'stiff'; there is none: put @law or @casadi_law above a function"),
     (NUMBA.replace("stiff", "soft"), "has no law 'stiff'; there are: soft"),
     (HEAD + "@law\ndef stiff(wind, tau):\n    pass\n", "line 3: ConfigError: law stiff takes 'wind'"),

@@ -63,6 +63,41 @@ def test_a_file_whose_first_line_was_torn_off_begins_anew(tmp_path: Path) -> Non
     assert read_results(written(path, 4)).terms == TERMS
 
 
+@pytest.mark.parametrize(
+    "text", ['{"only":"copy"}', '{"study":"gains","rate', "a word", '{"study":"gains","rate_hz":5']
+)
+def test_a_file_without_a_whole_line_that_is_no_beginning_of_ours_is_left_alone(tmp_path: Path, text: str) -> None:
+    path = tmp_path / "r.jsonl"
+    path.write_text(text)
+    ours = '{"study":"gains","rate_hz":1000.0}'.startswith(text)
+    if ours:
+        assert read_results(written(path, 4)).terms == TERMS
+        return
+    with (
+        pytest.raises(ConfigError, match="holds something else than results of `qrobot study`: name another file"),
+        open_results(path, TERMS),
+    ):
+        pass
+    assert path.read_text() == text
+
+
+def test_a_file_that_came_by_way_of_another_system_is_gone_on_with(tmp_path: Path) -> None:
+    path = written(tmp_path / "r.jsonl", *range(40))
+    path.write_bytes(path.read_bytes().replace(b"\n", b"\r\n") + b'{"seed":40,"x"')
+    written(path, 41)
+    found = read_results(path)
+    assert [outcome["seed"] for outcome in found.outcomes] == [*range(40), 41]
+
+
+@pytest.mark.parametrize("line", ['{"seed":Infinity}', '{"seed":"x"}', "[1]"])
+def test_outcomes_without_a_seed_are_no_results(tmp_path: Path, line: str) -> None:
+    path = written(tmp_path / "r.jsonl", 0)
+    with path.open("a") as file:
+        file.write(line + "\n")
+    with pytest.raises(ConfigError, match="is no results file"):
+        read_results(path)
+
+
 def test_results_of_other_terms_are_not_mixed_in(tmp_path: Path) -> None:
     path = written(tmp_path / "r.jsonl", 0)
     before = path.read_text()

@@ -187,6 +187,18 @@ def test_what_cannot_be_done_is_one_line(
     assert list(tmp_path.glob("*.jsonl")) == []
 
 
+@pytest.mark.parametrize(
+    ("study", "outcome"),
+    [("gains", {"seed": 0, "payload_kg": 1.0}), ("gains", {"seed": 0, "tried": [3]}), ("identification", {"seed": 0})],
+)
+def test_outcomes_of_another_version_are_told_in_one_line(
+    study: str, outcome: dict[str, object], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = results_file(tmp_path, Results({"study": study, "joints": ["a"]}, (outcome,)))
+    assert run_app(make_app("study"), ["study", "show", file]) == 1
+    assert "results of another version, or damaged: " in " ".join(capsys.readouterr().err.split())
+
+
 def test_a_study_of_another_version_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert run_app(make_app("study"), ["study", "show", results_file(tmp_path, Results({"study": "x"}, ()))]) == 1
     assert "knows no study 'x'; it knows identification, gains" in capsys.readouterr().err
