@@ -36,7 +36,7 @@ from qrobot.motion import (
 )
 from qrobot.motion.path.blend import PEAK, Blend, Correction
 from qrobot.motion.path.path_piece import PathPiece, evaluate
-from qrobot.motion.trajectory.setpoint_check import NONE, judge_rows
+from qrobot.motion.planning.setpoint_check import NONE, judge_rows
 from qrobot.motion.world.drive_transform import drive_between
 from qrobot.motion.world.product import multiply_chain
 from qrobot.realtime.jit import lean_kernel

@@ -34,11 +34,11 @@ from qrobot.motion.path.setpoint_history import History
 from qrobot.motion.planning.fence_check import FenceCheck
 from qrobot.motion.planning.planner import Planner
 from qrobot.motion.planning.request_queue import QUEUE_SIZE, RequestQueue
+from qrobot.motion.planning.setpoint_check import joint_at_limit, judge_next, reason
 from qrobot.motion.request import MoveRequest
 from qrobot.motion.trajectory.output import Output
 from qrobot.motion.trajectory.planned_path import PlannedPath
 from qrobot.motion.trajectory.sequencer import Sequencer
-from qrobot.motion.trajectory.setpoint_check import joint_at_limit, judge_next, reason
 from qrobot.motion.trajectory.speed_override import FULL_SPEED
 from qrobot.motion.trajectory.trajectory_state import TrajectoryState
 from qrobot.motion.world.equation import Goal

@@ -185,6 +185,7 @@ class ObjectFrame(Manip):
 
     def _push(self, order: MoveOrder) -> None:
         self._settle()
+        self._unwind()
         self.generator.push(order.request)
         self._motions.add(order)
         self.completed.count = 0
@@ -194,8 +195,19 @@ class ObjectFrame(Manip):
         if self._put is not None:
             self._evaluate(max(self._group.tick, self._tick + 1))
 
-    def _generator_at(self, pose: Floats) -> Generator:
-        near = np.zeros(6) if self._generator is None else self._generator.state()[0]
+    def _unwind(self) -> None:
+        """Count the turns of a frame at rest anew: near a whole one, ways about other axes would be none.
+
+        It stays where it is, and is half a turn at most from where it has none.
+        """
+        q = self.generator.state()[0]
+        if np.linalg.norm(q[3:]) > np.pi and self._goal_is_fixed and not (self.eventful or self._tracks):
+            self._generator = self._generator_at(self._kinematics.forward(q), np.zeros(6))
+
+    def _generator_at(self, pose: Floats, near: Floats | None = None) -> Generator:
+        """A generator at rest at `pose`, with turns as at `near` (6,), or as they were."""
+        if near is None:
+            near = np.zeros(6) if self._generator is None else self._generator.state()[0]
         q = self._kinematics.inverse(pose, Branch.RUN, near)
         return Generator(frame_limits(), self._group.period_s, q, self._tick, kinematics=self._kinematics)
 
@@ -219,8 +231,12 @@ class ObjectFrame(Manip):
     @property
     def rests(self) -> bool:
         """See `GroupMember.rests`."""
-        generator = self._generator
-        return generator is None or (not generator.busy and (generator.goal is None or generator.goal.fixed))
+        return self._generator is None or (not self._generator.busy and self._goal_is_fixed)
+
+    @property
+    def _goal_is_fixed(self) -> bool:
+        goal = self.generator.goal
+        return goal is None or goal.fixed
 
     def _look(self, tick: int) -> None:
         with self._group.sampled:

@@ -33,6 +33,7 @@ yunit: Final = (0.0, 1.0, 0.0)
 zunit: Final = (0.0, 0.0, 1.0)
 
 t6: Final = T6
+LEAST_SINE: Final = 1e-6  # [A] of the angle between two vectors that span a plane
 
 
 class Column(CoordinateFields):
@@ -142,11 +143,11 @@ def gentr_pao(name: str, p: VectorArgument, a: VectorArgument, o: VectorArgument
     """A position `p`, mm, an approach vector `a`, and an orientation vector `o` that is made normal to it.
 
     Raises:
-        MotionError: the two vectors do not span a plane.
+        MotionError: the two vectors do not span a plane; what is left of their product may be rounding.
     """
-    approach = np.asarray(a, dtype=np.float64)
-    n = np.cross(np.asarray(o, dtype=np.float64), approach)
-    if not np.linalg.norm(n) > 0.0:
+    approach, orientation = np.asarray(a, dtype=np.float64), np.asarray(o, dtype=np.float64)
+    n = np.cross(orientation, approach)
+    if not np.linalg.norm(n) > LEAST_SINE * np.linalg.norm(orientation) * np.linalg.norm(approach):
         raise MotionError(f"transform {name}: approach and orientation vectors must not be parallel, nor zero")
     columns = (n, np.cross(approach, n), approach)
     return _made(name, kind, np.column_stack([column / np.linalg.norm(column) for column in columns]), p)

@@ -9,6 +9,7 @@ from qrobot.errors import ProgramError
 from qrobot.val import tree
 from qrobot.val.evaluate import is_true, number_of, signal_holds, whole_number_of
 from qrobot.val.motion_steps import wait_for_arrival
+from qrobot.val.number_ranges import check_cycles
 from qrobot.val.task import ValTask, Waits, Watch
 
 if TYPE_CHECKING:
@@ -127,7 +128,8 @@ def _priority(expression: tree.Expression, task: ValTask, word: str, least: int)
 
 
 def _pcexecute(run: Interpreter, task: ValTask, action: tree.ProcessStart) -> None:
-    run.start_beside(action.program, 1 if action.cycles is None else whole_number_of(action.cycles, task))
+    cycles = 1 if action.cycles is None else check_cycles(whole_number_of(action.cycles, task))
+    run.start_beside(action.program, cycles)
 
 
 WORDS: Final[dict[str, Callable[..., Waits | None]]] = {

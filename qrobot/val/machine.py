@@ -250,7 +250,7 @@ class Machine:
         before = self._branch_before()
         letters = self._letters(before, straight, q)
         fastest = STRAIGHT_SHARE if straight else 1.0
-        share = fastest * min(max(1.0 if in_mm_s else speed / 100.0, 1e-3), 1.0)
+        share = fastest * min(1.0 if in_mm_s else speed / 100.0, 1.0)
         mm_s = speed if in_mm_s else None
         q = None if straight else q
         robot_pose = self.space.robot_pose(pose) if q is None else None

@@ -32,7 +32,8 @@ def _no_effect(_run: Interpreter, task: ValTask, *numbers: tree.Expression) -> N
 
 
 def _set_speed(run: Interpreter, task: ValTask, action: tree.SpeedSetting) -> None:
-    speed = number_ranges.SPEED.check(number_of(action.value, task))
+    numbers = number_ranges.SPEED_MMPS if action.in_mm_s else number_ranges.SPEED
+    speed = numbers.check(number_of(action.value, task))
     run.machine.next_speed = (speed, action.in_mm_s)
     if action.always:
         run.machine.speed, run.machine.in_mm_s = speed, action.in_mm_s

@@ -13,13 +13,13 @@ from qrobot.printable import printable
 from qrobot.rci.arguments import MOST_BACK_MM
 from qrobot.val import tree
 from qrobot.val.interpreter import Interpreter, RunState
+from qrobot.val.number_ranges import LEAST_SPEED, check_cycles
 from qrobot.val.parser import parse_variable
 from qrobot.val.printer import print_number, print_program
 from qrobot.val.source import constant_indices, load_source, store_source
 from qrobot.val.values import JointLocation, numbers_of, stored_numbers
 from qrobot.val.vocabulary import INPUTS, INTERNAL, OUTPUTS
 
-LEAST_SPEED: Final = 0.1  # percent [A], as of `qrobot val run`; slower, an arm seems to stand
 HELP: Final[dict[str, str]] = {
     "EXECUTE": "p, cycles, step    run a program",
     "XSTEP": "p, cycles, step    run a program up to behind its first step; NEXT does the next one",
@@ -159,8 +159,7 @@ class ValMonitor:
         if not name or not all(_COUNT.fullmatch(number) for number in numbers) or len(numbers) > 2:
             raise ProgramError(f"expected {'XSTEP' if single else 'EXECUTE'} program, cycles, step", column=1)
         cycles, step = (*map(int, numbers), *[1, 1][len(numbers) :])
-        if not cycles:
-            raise ProgramError("cycles: expected 1 or more, or a negative number for a program without end", column=1)
+        check_cycles(cycles)
         program, before = self._program(name).name, self._run.unfinished
         if before and self.sure is not None and not self.sure(f"{before} will be given up: are you sure (Y/N)? "):
             return "nothing has been done; PROCEED goes on"

@@ -11,6 +11,7 @@ from qrobot.errors import ProgramError
 from qrobot.rci.arguments import MOST_BACK_MM
 from qrobot.val import tree
 
+LEAST_SPEED: Final = 0.1  # percent [A], as the monitor's: slower, an arm seems to stand
 FASTEST: Final = 1000.0  # of SPEED, per cent or mm/s
 LONGEST_DELAY_S: Final = 86_400.0  # a day [A]
 LONGEST_HAND_TIME_S: Final = 60.0
@@ -41,9 +42,12 @@ class NumberRange:
         return number
 
 
-SPEED: Final = NumberRange(
+SPEED: Final = NumberRange(  # of DRIVE too
+    f"SPEED: {LEAST_SPEED:g} to {FASTEST:g} per cent is needed", LEAST_SPEED, FASTEST
+)
+SPEED_MMPS: Final = NumberRange(
     f"SPEED: a number above 0 and up to {FASTEST:g} is needed", math.nextafter(0.0, 1.0), FASTEST
-)  # of DRIVE too
+)
 DELAY: Final = NumberRange(f"DELAY: expected 0 to {LONGEST_DELAY_S:.0f} seconds", 0.0, LONGEST_DELAY_S)
 TIMER: Final = NumberRange(f"timers are 0 to {MOST_TIMERS}", 0, MOST_TIMERS, whole=True)
 PARAMETER_RANGES: Final = {
@@ -51,6 +55,13 @@ PARAMETER_RANGES: Final = {
     "COLLISION": NumberRange(f"COLLISION is {LEAST_COLLISION:g} to {FILES_OWN:g} per cent", LEAST_COLLISION, FILES_OWN),
     "RETRACT": NumberRange(f"RETRACT is 0 to {MOST_BACK_MM:g} mm", 0.0, MOST_BACK_MM),
 }
+
+
+def check_cycles(cycles: int) -> int:
+    """How often a program is run. Raises ProgramError for not at all."""
+    if cycles == 0:
+        raise ProgramError("cycles: expected 1 or more, or a negative number for a program without end", column=1)
+    return cycles
 
 
 def joint(joints: int) -> NumberRange:
@@ -67,8 +78,8 @@ def check_numbers(action: tree.StepAction, joints: int, constant: Callable[[tree
             numbers.check(value)
 
     match action:
-        case tree.SpeedSetting(value=value):
-            look(SPEED, value)
+        case tree.SpeedSetting(value=value, in_mm_s=in_mm_s):
+            look(SPEED_MMPS if in_mm_s else SPEED, value)
         case tree.Instruction(word="DELAY", arguments=(seconds,)):
             look(DELAY, seconds)
         case tree.Instruction(word="DRIVE", arguments=(number, _, share)):
@@ -78,3 +89,5 @@ def check_numbers(action: tree.StepAction, joints: int, constant: Callable[[tree
             look(TIMER, number)
         case tree.ParameterSetting(name=name, value=value):
             look(PARAMETER_RANGES[name], value)
+        case tree.ProcessStart(cycles=cycles) if cycles is not None and constant(cycles) == 0:
+            check_cycles(0)

@@ -97,7 +97,7 @@ FORMS: Final[dict[str, str]] = {
 
 def taken(name: str) -> str:
     """Reason for which `name` is no variable; "" when it may be one."""
-    if name in LOCATION_VALUES or name in NUMBER_VALUES or name in PLAIN_FUNCTIONS:
+    if name in LOCATION_VALUES or name in NUMBER_VALUES or name in PLAIN_FUNCTIONS or name == "not":
         return f"{name.upper()} is a word of VAL and cannot be given a value: choose another name"
     return ""
 

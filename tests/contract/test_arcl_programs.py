@@ -435,7 +435,7 @@ def test_a_frame_that_turns_a_joint_to_its_limit_is_an_error_which_names_that_jo
     arcl_wait(rp, lambda: told or rp.treal > 20_000.0)
     ((event, error),) = told
     assert event is EVENT_LIMIT
-    assert re.search(r"joint \d \(\w+\) at \S+ deg would leave its range, \S+ deg to \S+ deg", error)
+    assert re.search(r"joint \d \(\w+\) at \S+ deg could not stop within its range, \S+ deg to \S+ deg", error)
 
 
 def test_a_frame_that_jumps_is_an_error_and_no_jump_of_the_arm() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import runpy
 from collections.abc import Callable, Iterator
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -43,7 +44,7 @@ from qrobot.multi_rccl import (
     wait_for,
 )
 from qrobot.multi_rccl.program import _program
-from qrobot.rccl import Position, Transform, gentr_rpy, gentr_trsl, newtrans, trsl
+from qrobot.rccl import Position, Transform, gentr_rot, gentr_rpy, gentr_trsl, newtrans, trsl, xunit, zunit
 from qrobot.rccl.offline import OfflineLink
 from qrobot.rccl.program import ending
 from qrobot.wire import Command, Hello, State
@@ -337,6 +338,31 @@ def test_a_frame_comes_to_rest_from_whatever_it_was_told_last(ways, before, call
     wait_as(lambda: group.tick > begun + 25)
     assert group.rests
     assert np.array_equal(obj.trans.value, stood)
+
+
+@pytest.mark.parametrize("turned", [90, 330, 345, 360, 480])
+def test_a_frame_that_has_turned_round_leaves_that_place_about_any_axis(ways, turned: int) -> None:
+    obj = rccl_open("OBJECT_FRAME")
+    rccl_control(obj)
+    arms()
+    setvel(obj, 100, 60)
+    for degrees in (*range(90, turned, 90), turned):
+        move(obj, make_position(TRANS, EQ, gentr_rot("ROUND", 0, 0, 0, zunit, degrees), TL, TRANS))
+        wait_for(obj.completed)
+    seen = [obj.trans.value.copy()]
+    tilt = gentr_rot("TILT", 0, 0, 0, xunit, 30)
+    goal = make_position(TRANS, EQ, gentr_rot("ROUND", 0, 0, 0, zunit, turned), tilt, TL, TRANS)
+    move(obj, goal)
+
+    def look() -> int:
+        seen.append(obj.trans.value.copy())
+        return obj.completed.count
+
+    wait_as(look)
+    assert np.allclose(seen[-1], seen[0] @ tilt.value, atol=1e-12)
+    turns = [np.linalg.norm(so3_log(before[:3, :3].T @ after[:3, :3])) for before, after in pairwise(seen)]
+    assert max(turns) <= np.radians(60.0) * PERIOD_MS * 1e-3 * 1.01
+    assert sum(turns) == pytest.approx(np.radians(30.0))  # and no other way
 
 
 def test_an_arm_that_follows_no_frame_is_let_go_of_and_the_frame_goes_on(ways) -> None:

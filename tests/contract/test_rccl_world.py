@@ -229,7 +229,7 @@ def test_a_goal_that_turns_a_joint_to_its_limit_is_lost_and_the_position_names_t
     rccl.move(p)
     rccl.waitas(lambda: p.code < DONE)
     assert p.code == Termination.JOINT_LIMIT
-    assert re.fullmatch(r"joint \d \(\w+\) at \S+ deg would leave its range, \S+ deg to \S+ deg", p.why)
+    assert re.fullmatch(r"joint \d \(\w+\) at \S+ deg could not stop within its range, \S+ deg to \S+ deg", p.why)
     rccl.release()
 
 
@@ -242,7 +242,7 @@ def test_a_position_that_was_dropped_does_not_hear_what_became_of_the_one_that_t
     rccl.nextmove(7)
     rccl.waitas(lambda: p.code < DONE or q.code < DONE)
     assert (p.code, q.code) == (Termination.JOINT_LIMIT, 7)
-    assert "would leave its range" in p.why
+    assert "could not stop within its range" in p.why
     assert not q.why
     rccl.release()
 

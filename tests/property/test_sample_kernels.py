@@ -12,7 +12,7 @@ from qrobot.motion import Blend, MotionLimits, Termination
 from qrobot.motion.path.blend import PEAK
 from qrobot.motion.path.setpoint_history import motion_of
 from qrobot.motion.planning.joint_stop import BULGE, SHORTEST_STOP_S, joint_stop_s
-from qrobot.motion.trajectory.setpoint_check import joint_at_limit, judge_next
+from qrobot.motion.planning.setpoint_check import joint_at_limit, judge_next
 from qrobot.motion.world.product import multiply_chain
 from tests.support.motion import LIMITS
 from tests.support.thorough import examples

@@ -1,1 +1,1 @@
-"""Planning of segments from requests: the way, its times, the transitions, and the ways to stop."""
+"""Planning of segments from requests: the way, its times, the transitions, ways to stop, and the check of setpoints."""

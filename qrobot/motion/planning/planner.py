@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -12,6 +13,7 @@ import numpy as np
 
 from qrobot.arrays import Floats
 from qrobot.errors import FenceCrossed, MotionError
+from qrobot.motion.event import Termination
 from qrobot.motion.path.coordinates import JOINTS, measured
 from qrobot.motion.path.path_piece import BlendSettings, PathPiece, piece_from_state, piece_joining_line
 from qrobot.motion.path.segment import Schedule, Segment
@@ -21,12 +23,14 @@ from qrobot.motion.planning.geometric_path import GeometricPath, joint_geometry,
 from qrobot.motion.planning.joint_stop import all_can_stop, all_can_stop_along
 from qrobot.motion.planning.queued_motion import NO_FOLLOWER, Following, QueuedMotion, prepare_motion
 from qrobot.motion.planning.replan import replan
+from qrobot.motion.planning.setpoint_check import judge_row
 from qrobot.motion.planning.timing import MANY, Scheduler
 from qrobot.motion.request import MoveRequest, enough_samples
 from qrobot.motion.world.kinematics import ArmKinematics
 from qrobot.motion.world.limits import MotionLimits
 
 _PROBES: Final = 16
+_MOST_PROBES: Final = 128  # [A] each takes some 15 us
 _EARLY: Final = np.linspace(0.0, 1.0, _PROBES + 1)[1:] ** 2  # most of them where what was left over fades out
 _TRIES: Final = 12
 _LONGER: Final = 1.3
@@ -246,11 +250,22 @@ class Planner:
             return False
 
     def _keeps_limits(self, segment: Segment, piece: PathPiece, near: Floats) -> bool:
-        step_s = piece.length * self._settings.period_s / _PROBES
-        joints = np.empty((_PROBES + 1, near.size))
-        for i, probe in enumerate(np.linspace(piece.start, piece.end, _PROBES + 1)):
+        """True when a look at a few places finds nothing, and one at each sample neither, as its setpoints are judged.
+
+        A few places show less than the peaks between them: at full speed the arm would enter, and be stopped half way.
+        """
+        joints, step_s = self._along(segment, piece, near, _PROBES)
+        if not all_can_stop_along(joints, step_s, self._limits):
+            return False
+        joints, step_s = self._along(segment, piece, near, min(math.ceil(piece.length), _MOST_PROBES))
+        return judge_row(joints, step_s, self._limits, self._settings.blend) is Termination.NONE
+
+    def _along(self, segment: Segment, piece: PathPiece, near: Floats, steps: int) -> tuple[Floats, float]:
+        """Joint positions (steps + 1, n) along a piece that begins at `near` (n,), and the time between two of them."""
+        joints = np.empty((steps + 1, near.size))
+        for i, probe in enumerate(np.linspace(piece.start, piece.end, steps + 1)):
             joints[i] = near = segment.coordinates.solve_at(piece.state(probe, self._settings)[0], near)
-        return all_can_stop_along(joints, step_s, self._limits)
+        return joints, piece.length * self._settings.period_s / steps
 
 
 @contextmanager

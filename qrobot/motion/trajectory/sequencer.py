@@ -15,10 +15,10 @@ from qrobot.motion.path.segment import Segment
 from qrobot.motion.planning.planner import Planner, SegmentEntry, TransitionBounds
 from qrobot.motion.planning.queued_motion import NO_FOLLOWER, Following, QueuedMotion
 from qrobot.motion.planning.request_queue import RequestQueue
+from qrobot.motion.planning.setpoint_check import reason
 from qrobot.motion.request import MoveRequest
 from qrobot.motion.trajectory.event_queue import EventQueue
 from qrobot.motion.trajectory.output import Output, Passing, StopState
-from qrobot.motion.trajectory.setpoint_check import reason
 from qrobot.motion.trajectory.speed_override import FULL_SPEED
 from qrobot.motion.trajectory.trajectory_state import TrajectoryState
 from qrobot.motion.trajectory.via_point import ViaPlanner, ViaTransition

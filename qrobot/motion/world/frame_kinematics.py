@@ -3,8 +3,8 @@
 Its six coordinates are position and rotation vector, so that the trajectory generator moves it as it moves an arm, in
 Cartesian mode. They are no joints: joint mode and joint angles mean nothing here.
 
-A rotation vector is followed on from the one before it: a frame may turn on and on about one axis. Only when a frame
-that has made a whole turn leaves that place about another axis is there no continuous one; its motion then ends.
+A rotation vector is followed on from the one before it: a frame may turn on and on about one axis. Near a whole turn
+there is no continuous one about another axis, and a motion that passes there ends. From rest turns are counted anew.
 """
 
 from __future__ import annotations

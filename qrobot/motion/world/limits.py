@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Final
@@ -120,9 +121,15 @@ class MotionLimits:
             raise TooFast(f"{what}: {self._joint(j)} would need {asked}, {limits[j]:.4g} allowed", remedy, share)
 
     def leaving(self, j: int, q: float) -> str:
-        """Words for a joint, from 0, that is about to leave its range and would next be at `q`."""
-        low, high = (self._place(j, limit[j]) for limit in (self.q_min, self.q_max))
-        return f"{self._joint(j)} at {self._place(j, q)} would leave its range, {low} to {high}"
+        """Words for a joint, from 0, that would next be at `q` and leaves its range, or could not stop within it.
+
+        One without a range is that of a frame, which could go on from there only a whole turn away.
+        """
+        here, low, high = (self._place(j, value) for value in (q, self.q_min[j], self.q_max[j]))
+        if math.isinf(self.q_min[j]) and math.isinf(self.q_max[j]):
+            return f"{self._joint(j)} at {here} could go on only a whole turn away"
+        does = "could not stop within" if self.q_min[j] <= q <= self.q_max[j] else "would leave"
+        return f"{self._joint(j)} at {here} {does} its range, {low} to {high}"
 
     def _joint(self, j: int) -> str:
         return f"joint {j + 1} ({self.names[j]})"

@@ -33,6 +33,7 @@ from qrobot.rccl import (
 )
 
 P = 10.0, 20.0, 30.0
+ASKEW = np.array((0.1, 0.2, 0.3))
 HALF = np.radians(30.0)
 
 
@@ -94,6 +95,7 @@ def test_functions_change_a_transform_and_return_it() -> None:
         (lambda: newtrans("T", "constant"), "transform T: kind 'constant' is none of"),
         (lambda: gentr_rot("T", 0, 0, 0, (0, 0, 0), 1.0), "needs a direction"),
         (lambda: gentr_pao("T", P, zunit, zunit), "must not be parallel"),
+        *((lambda o=o: gentr_pao("T", P, ASKEW, o * ASKEW), "must not be parallel") for o in (3.0, 0.7, -1.3)),
         (lambda: makeposition("P", t6, EQ, gentr_trsl("B", *P)), "makeposition: write"),
         (lambda: makeposition("P", t6, TL, t6), "makeposition: write"),
         (lambda: makeposition("P", t6, EQ, TL, t6, t6), "makeposition: write"),

@@ -63,3 +63,23 @@ def test_a_polygon_of_joint_motions_is_no_faster_than_its_per_cent(library: str)
     joints, _, _ = _around(library, 12, "SPEED 4", "MOVE")
     shares = np.abs(np.diff(joints, axis=0)).max(axis=0) / PERIOD_S / load_robot("puma560").limits.v_max
     assert 0.03 < float(shares.max()) <= ROUNDED * 0.04
+
+
+CORNERS = (
+    "MOVE TRANS(450, 150, 0, 90, 90, 0)|MOVES TRANS(464, 223, -86, -146, 45, 0)|MOVE TRANS(500, 239, -52, 90, 60, -90)",
+    "MOVE TRANS(450, 150, 0, 90, 90, 0)|MOVE TRANS(424, 209, -136, 0, 60, 30)|MOVES TRANS(422, 129, 169, 45, 90, 30)"
+    "|MOVE TRANS(404, 195, 276, 90, 80, -32)|MOVES TRANS(395, -180, -256, 90, 90, 30)|DEPART -6|DEPARTS 15"
+    "|MOVE TRANS(597, 46, -298, 45, 90, 0)|APPRO TRANS(423, 237, 139, 45, 45, 30), 15"
+    "|MOVES TRANS(451, -263, 122, 45, 80, -90)",
+)
+
+
+@pytest.mark.parametrize("lines", CORNERS)
+@pytest.mark.parametrize("monitor_speed", [100.0, 50.0])
+def test_at_full_speed_a_corner_is_entered_only_as_fast_as_it_can_be_gone_round(
+    lines: str, monitor_speed: float
+) -> None:
+    """A look at a few places of the corner missed the peaks between them, at which the arm was then stopped."""
+    with interpreter(main_program(*lines.split("|")), library="arcl") as (run, _):
+        run.machine.arm.override = monitor_speed
+        assert run.execute("main") is RunState.COMPLETED, run.message

@@ -60,7 +60,8 @@ def test_every_constant_is_on_the_page_as_a_word_that_takes_no_value() -> None:
 @pytest.mark.parametrize(
     ("title", "pattern", "end"),
     [
-        ("Motions", r"`SPEED n .*above 0 and up to (\d+)", number_ranges.SPEED.most),
+        ("Motions", r"`SPEED n .*above 0 and up to (\d+)", number_ranges.SPEED_MMPS.most),
+        ("Motions", r"`SPEED n .*per cent, 0.1 to (\d+)", number_ranges.SPEED.most),
         ("Signals and events", r"timers are 0 to (\d+)", number_ranges.TIMER.most),
         ("Terminal", r"`PARAMETER HAND.TIME = s` \(0 to (\d+)\)", number_ranges.PARAMETER_RANGES["HAND.TIME"].most),
         ("Terminal", r"torques in the robot file, 1 to (\d+)", number_ranges.PARAMETER_RANGES["COLLISION"].most),

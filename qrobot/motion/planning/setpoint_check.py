@@ -44,6 +44,12 @@ def judge_next(points: History, period_s: float, limits: MotionLimits, blend: Bl
     return Termination(judge_rows(rows, near_s, far_s, limits.table, PEAK[blend]))
 
 
+def judge_row(joints: Floats, step_s: float, limits: MotionLimits, blend: Blend) -> Termination:
+    """Judge joint positions (k, n) that are `step_s` apart in time, as `judge_next` judges one after the other."""
+    newest_first = np.ascontiguousarray(joints[::-1])
+    return Termination(judge_threes(newest_first, step_s, limits.table, PEAK[blend]))
+
+
 def joint_at_limit(points: History, period_s: float, limits: MotionLimits, blend: Blend) -> int:
     """The joint, from 0, for which `judge_next` gives JOINT_LIMIT: it jumps, or is led farthest beyond its range.
 
@@ -84,4 +90,14 @@ def judge_rows(rows: Floats, near_s: float, far_s: float, limits: Floats, peak: 
         )
         if not (min(limits[0, j], rows[1, j]) <= low and high <= max(limits[1, j], rows[1, j])):
             return JOINT_LIMIT
+    return NONE
+
+
+@lean_kernel
+def judge_threes(rows: Floats, step_s: float, limits: Floats, peak: float) -> int:
+    """`judge_rows` of all three in a row (k, n), newest first, `step_s` apart: NONE when all are right."""
+    for i in range(rows.shape[0] - 2):
+        code = judge_rows(rows[i : i + 3], step_s, step_s, limits, peak)
+        if code != NONE:
+            return code
     return NONE
