@@ -185,6 +185,8 @@ CLEARED: Final = {
     StopCategory.CATEGORY_2: "nothing to clear",
 }
 
+COUNTS_LOST: Final = (F.ENC_STUCK, F.ENC_JUMP, F.ENC_SIGN, F.ENC_LOSS)
+
 
 def reactions() -> str:
     """Every code the servo raises: meaning, stop, bound, what clears it, and the test that makes it happen."""
@@ -200,6 +202,7 @@ def _row(code: FaultCode) -> tuple[object, ...]:
     category = stop_category(code)
     test = f"`{fact.test}`" if fact.test else ""
     cleared = CLEARED[category if fact.latches else StopCategory.CATEGORY_2]
+    cleared += ", and `qrobot calibrate` where the arm has a table" if code in COUNTS_LOST else ""
     return (
         f"{code.name} ({code.value})", EXPLANATION[code][0], int(category), fact.bound, cleared, test,
     )  # fmt: skip

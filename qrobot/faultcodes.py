@@ -116,7 +116,7 @@ EXPLANATION: dict[FaultCode, tuple[str, str]] = {
     FaultCode.NONE: ("no fault", "nothing to do"),
     FaultCode.ENC_STUCK: (
         "an encoder counts nothing although its motor is driven",
-        "check the encoder cable (or its brake, or what jams the joint), then `qrobot ctl clear`",
+        "check the encoder cable (or its brake, or what jams the joint), `qrobot ctl clear`, then `qrobot calibrate`",
     ),
     FaultCode.ENC_JUMP: (
         "encoder counts jumped further than the joint can move",
@@ -124,7 +124,7 @@ EXPLANATION: dict[FaultCode, tuple[str, str]] = {
     ),
     FaultCode.ENC_SIGN: (
         "a joint accelerates against its torque",
-        "check encoder and motor polarity before powering again",
+        "check encoder and motor polarity before powering again, then `qrobot calibrate`",
     ),
     FaultCode.CAL_MISMATCH: (
         "a potentiometer contradicts the counters or the calibration table, or does not answer",
@@ -233,7 +233,8 @@ EXPLANATION: dict[FaultCode, tuple[str, str]] = {
     ),
     FaultCode.FENCE: (
         "the arm would enter a fence of the deployment file, or come too near another arm, or one that is not heard of",
-        "move away from it, and correct the program or the deployment file; the other arm has to be up and calibrated",
+        "`qrobot ctl fences` tells which; move away, and correct the program or the deployment file; "
+        "another arm has to be up and calibrated",
     ),
     FaultCode.CAL_BLOCKED: (
         "a joint needed too much torque to creep",

@@ -177,7 +177,9 @@ def _plain(value: Any) -> str:
     if isinstance(value, dict):
         return _plain_entry(value)
     if isinstance(value, list):
-        return ("\n" if value and isinstance(value[0], dict) else "  ").join(map(_plain, value)) or "none"
+        words = [_plain(item) for item in value]
+        sentences = any(isinstance(item, dict) or " " in word for item, word in zip(value, words, strict=True))
+        return ("\n" if sentences else "  ").join(words) or "none"
     return str(value) if value not in ("", None) else "-"
 
 
@@ -214,31 +216,36 @@ def events(file: Path, *, json: bool = False) -> None:
 @app.command
 def plot(
     file: Path,
-    *,
+    *others: Path,
     output: OutputFolder | None = None,
     only: Annotated[tuple[FigureName, ...], Parameter(negative="")] = (),
 ) -> None:
-    """Draw a log: desired positions, tracking errors, torques, forces, wake-up errors; one PNG each.
+    """Draw logs: desired positions, tracking errors, torques, forces, wake-up errors; one PNG each.
 
     Dashed lines mark other laws and gains, dotted ones faults.
 
     Parameters
     ----------
     file
-        First file of the log.
+        First file of the log; the parts of a rotated one are found by themselves.
+    others
+        Those of other logs.
     output
-        Directory for the figures; beside the log if left out.
+        Directory for the figures; beside each log if left out.
     only
         Which figures to draw; all that the log has numbers for if left out.
     """
     from qrobot.log.plot import FIGURES, figures_of, save_figure
 
-    checked_folder(output or file.parent)
-    log = read_and_warn(file)
-    for name in only or figures_of(log):
-        path = (output or file.parent) / f"{file.stem}-{name}.png"
-        save_figure(FIGURES[name](log), path)
-        out.print(str(path), markup=False)
+    files = first_parts((file, *others))
+    for each in files:
+        checked_folder(output or each.parent)
+    for each in files:
+        log = read_and_warn(each)
+        for name in only or figures_of(log):
+            path = (output or each.parent) / f"{each.stem}-{name}.png"
+            save_figure(FIGURES[name](log), path)
+            out.print(str(path), markup=False)
 
 
 @app.command

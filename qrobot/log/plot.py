@@ -82,10 +82,11 @@ def forces_figure(log: Log) -> Figure:
 
 
 def signals_figure(log: Log) -> Figure:
-    """Numbers of law and program over time, each on an axis of its own; the law's first when none has a name."""
+    """Numbers of law and program over time, each on an axis of its own. Raises LogError: none has a name."""
     columns = [(name, log.rows["signals"][:, k]) for k, name in enumerate(log.signal_names)]
     columns += [(name, log.rows["program_signals"][:, k]) for k, name in enumerate(log.program_signal_names)]
-    columns = columns or [("signal 1", log.rows["signals"][:, 0])]
+    if not columns:
+        raise LogError(f"{log.path}: neither its law nor a program has named a signal")
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(9.0, 1.4 + 1.8 * len(columns)), layout="constrained")
         all_axes = figure.subplots(len(columns), 1, sharex=True, squeeze=False)[:, 0]

@@ -41,7 +41,7 @@ class TrackingSummary:
         skipped_cycles: cycles of the grid that never began.
         lost_rows: cycles that are missing from the log.
         wakeup_us: wake-up error over all cycles; NaN when there are none.
-        faults: codes that appeared, see `faultcodes.FaultCode`.
+        faults: codes in the order in which they appeared, see `faultcodes.FaultCode`.
     """
 
     max_abs_error: tuple[float, ...]
@@ -83,8 +83,13 @@ def tracking_summary(log: Log) -> TrackingSummary:
         skipped_cycles=_skipped_cycles(log),
         lost_rows=log.status.lost,
         wakeup_us=_wake_up(log.rows["late_ns"]),
-        faults=tuple(int(code) for code in np.unique(log.rows["fault"]) if code != 0),
+        faults=_faults(log),
     )
+
+
+def _faults(log: Log) -> tuple[int, ...]:
+    codes, first = np.unique(log.rows["fault"], return_index=True)
+    return tuple(int(code) for code in codes[first.argsort()] if code != 0)
 
 
 def _per_joint(reduce: Any, values: NDArray[np.float64]) -> tuple[float, ...]:

@@ -52,7 +52,8 @@ _arm: Channel | None = None
 def use(factory: LinkFactory, traces: list[Trace] | None = None) -> Iterator[None]:
     """Programs run in this context reach their robot by the links that `factory` makes.
 
-    For each time they take control of an arm, a trace of what they do with it is added to `traces`.
+    For each time they take control of an arm, a trace of what they do with it is added to `traces`. Programs of
+    Multi-RCCL and RCI take their links from `rci.use`: here they would reach the arms that run.
     """
     token, traces_token = _factory.set(factory), _traces.set(traces)
     try:

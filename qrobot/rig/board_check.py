@@ -176,7 +176,12 @@ def see_images(walk: Walk) -> str:
             f"{walk.robot.name} has {walk.robot.n} joints, the board {channels} encoder channels",
             "put right the robot, board or drives of the deployment file",
         )
-    return f"revision {walk.facts.revision}, {walk.facts.joints} joints, {walk.count - first} images in 50 ms"
+    images = walk.count - first
+    if not walk.keeps_time():
+        raise StepError(
+            "its clock goes faster or slower than that of this machine", "its time stamps are to be nanoseconds"
+        )
+    return f"revision {walk.facts.revision}, {walk.facts.joints} joints, {images} images in 50 ms"
 
 
 def see_status(walk: Walk) -> str:

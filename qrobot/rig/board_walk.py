@@ -1,10 +1,12 @@
 """One walk over a bus: registers and time as its steps need them.
 
-Time is the board's own, as its images tell it: a walk runs as well on virtual time.
+Time is the board's own, as its images tell it: a walk runs as well on virtual time. Nothing rests on that alone: no
+wait is much longer by our clock, and a board is refused whose clock goes faster or slower than ours.
 """
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from typing import Final
 
@@ -32,7 +34,11 @@ from qrobot.hwif.registers import (
 from qrobot.model.transmission import signed_word
 from qrobot.report import Report
 
-IMAGES_AT_MOST: Final = 1_000_000
+PATIENCE: Final = 5.0  # [A] times what a wait should take, and a little: an emulated arm's time stands still at times
+PATIENCE_S: Final = 0.25
+PACES: Final = 0.7, 1.4  # [A] of a board's clock beside ours: an image is a few hundredths of the time looked on
+PACE_S: Final = 0.2
+PACE_LOOKS: Final = 5  # one of which is right also where the machine, or an emulated board, stands still at times
 
 Confirm = Callable[[str], bool]
 RegisterAccess = tuple[int, int, int]
@@ -63,6 +69,7 @@ class Walk:
         ask: puts a question to the operator; False leaves something out.
         drives: mode of the separate drives that stand in for the board, if they do.
         tell: takes a line for the operator, who is to do something at once.
+        now_ns: our clock.
 
     Attributes:
         ways_seen: joints that somebody has seen to count the way they go.
@@ -75,8 +82,10 @@ class Walk:
         ask: Confirm,
         drives: DriveMode | None = None,
         tell: Report = lambda _line: None,
+        now_ns: Callable[[], int] = time.monotonic_ns,
     ) -> None:
         self.bus, self.robot, self.ask, self.drives, self.tell = bus, robot, ask, drives, tell
+        self._now_ns = now_ns
         self.facts = BoardFacts("F", robot.n)
         self.ways_seen: set[int] = set()
         self._image = make_image()
@@ -150,15 +159,31 @@ class Walk:
         return [signed_word(now - was & 0xFFFF) for was, now in zip(before, self.counts(), strict=True)]
 
     def wait(self, seconds: float, until: Callable[[], bool] = lambda: False) -> bool:
-        """Look on for so long; True as soon as `until` holds. Raises LinkTimeout when the board has no time."""
-        begin_s = self.t_s
-        for _ in range(IMAGES_AT_MOST):
+        """Look on for so long; True as soon as `until` holds. Raises LinkTimeout when the board's clock hardly goes."""
+        begin_s, ours = self.t_s, self._stopwatch()
+        while True:
             self.look()
             if until():
                 return True
-            if self.t_s - begin_s >= seconds:
+            if (went := self.t_s - begin_s) >= seconds:
                 return False
-        raise LinkTimeout("the board's clock stands still")
+            if ours() > PATIENCE * seconds + PATIENCE_S:
+                raise LinkTimeout(f"the board's clock has gone {went:.3g} s in {ours():.3g} s; its stamps are to be ns")
+
+    def keeps_time(self) -> bool:
+        """Whether the board's clock goes as fast as ours, by the best of some looks. Raises LinkTimeout as `wait`."""
+        for _ in range(PACE_LOOKS):
+            self.look()
+            begin_s, ours = self.t_s, self._stopwatch()
+            self.wait(PACE_S)
+            if PACES[0] * ours() <= self.t_s - begin_s <= PACES[1] * ours():
+                return True
+        return False
+
+    def _stopwatch(self) -> Callable[[], float]:
+        """Seconds of our clock since now."""
+        begin_ns = self._now_ns()
+        return lambda: 1e-9 * (self._now_ns() - begin_ns)
 
     def start_conversion(self, channel: int, discrete: int) -> None:
         """The vendor's sequence for the revision (TRC004 vendor driver v4.3); `discrete` without the ADC bit."""

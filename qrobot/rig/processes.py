@@ -26,6 +26,7 @@ from qrobot.hwif.board_memory import attach_board_memory
 from qrobot.realtime.compile_progress import COMPILING
 from qrobot.realtime.file_lock import lock_alone
 from qrobot.realtime.shared_memory import SharedMemory, discard_dead
+from qrobot.realtime.signals import signal_name
 from qrobot.realtime.startup_order import TURN_VARIABLE
 from qrobot.realtime.supervised import SUPERVISOR_VARIABLE, Supervision
 from qrobot.report import Report
@@ -80,7 +81,9 @@ class Child:
         return self.process.poll() is None
 
     def complaint(self) -> str:
-        """The last line it printed, for an error message; what it compiled is no complaint."""
+        """Signal that has killed it, else the last line it printed, for an error message; what it compiled is none."""
+        if (status := self.process.poll()) is not None and status < 0:
+            return f"it was killed by {signal_name(-status)}"
         return next((line for line in reversed(self._lines()) if not line.startswith(COMPILING)), "it said nothing")
 
     def compiling(self) -> str:

@@ -37,7 +37,10 @@ class Desk:
         self.spoil: Callable[[Words], None] = lambda _image: None
         self.written: list[tuple[int, int]] = []
         self.bus = DirectBus(self)
-        self.walk = Walk(self.bus, told, self._ask)
+        self.walk = Walk(self.bus, told, self._ask, now_ns=self.now_ns)
+
+    def now_ns(self) -> int:
+        return self.end.now_ns
 
     def facts(self) -> BoardFacts:
         return replace(self.end.facts(), joints=self.channels)

@@ -177,6 +177,7 @@ class Controls:
             case Clear():
                 self._servo.mailbox.request_clear()
                 self._clear_by_loop()
+                self.note_fallback()  # a law that failed is not in force any more, which the answer tells
             case Calibrate():
                 self._calibrate(request)
             case ZeroForce():

@@ -74,6 +74,8 @@ POWER_STOPPED: Final = int(FaultCode.POWER_STOPPED)
 CAL_NO_TABLE: Final = int(FaultCode.CAL_NO_TABLE)
 COLLISION: Final = int(FaultCode.COLLISION)
 SATURATED: Final = int(FaultCode.SATURATED)
+ENC_STUCK: Final = int(FaultCode.ENC_STUCK)
+ENC_SIGN: Final = int(FaultCode.ENC_SIGN)
 PUSHES: Final = (COLLISION, SATURATED)  # told of an arm that is held, too, where they stop nothing
 STAGE_IDLE: Final = int(Stage.IDLE)
 LOADING: Final = int(Stage.LOADING)  # the stages from here on move nothing
@@ -390,6 +392,8 @@ def apply_faults(params: ServoParameters, state: ServoState, mail: Any, now_ns: 
     report_event(state, code, state.pending_joint)
     state.pending = 0
     mode, category = state.mode, category_of(code)
+    if code in (ENC_STUCK, ENC_SIGN) and has_table(params):  # what it did not count, or counted the wrong way, is lost
+        state.discrete_word &= ~DISCRETE_CALIBRATED
     if code in PUSHES and mode in (TRACKING, STOPPING):
         begin_yielding(state, code)
     if category == 0 or (category == 1 and mode not in (TRACKING, STOPPING)):

@@ -21,6 +21,7 @@ from qrobot.cli.console import run_app
 from qrobot.cli.log import FigureName
 from qrobot.cli.main import make_app
 from qrobot.config import load_robot
+from qrobot.faultcodes import FaultCode
 from qrobot.log.follow import LOOK_NS, ServoFollower
 from qrobot.log.header import Attachment, header_for
 from qrobot.log.plot import FIGURES
@@ -177,6 +178,36 @@ def test_plot_writes_the_figures_asked_for_beside_the_log(log_file: Path, capsys
     assert figure.is_file()
     assert figure.name in capsys.readouterr().out.replace("\n", "")
     assert not log_file.with_name("run-torques.png").exists()
+
+
+def test_several_logs_are_drawn_each_beside_itself(log_file: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    other = log_file.with_name("other.mcap")
+    other.write_bytes(log_file.read_bytes())
+    assert run_app(make_app(), ["log", "plot", str(log_file), str(other), "--only", "errors"]) == 0
+    assert log_file.with_name("run-errors.png").is_file()
+    assert log_file.with_name("other-errors.png").is_file()
+    assert len(capsys.readouterr().out.splitlines()) == 2
+
+
+def test_signals_of_a_log_that_has_none_are_not_drawn(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    write_log(tmp_path / "run.mcap", make_rows(30), make_header())
+    assert run_app(make_app(), ["log", "plot", str(tmp_path / "run.mcap"), "--only", "signals"]) == 1
+    assert "neither its law nor a program has named a signal" in " ".join(capsys.readouterr().err.split())
+    assert list(tmp_path.glob("*.png")) == []
+
+
+def test_faults_of_a_log_are_told_a_line_each_in_the_order_of_time(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    rows = make_rows(300)
+    rows["fault"][100:200], rows["fault"][200:] = FaultCode.ESTOP, FaultCode.ENC_STUCK
+    write_log(tmp_path / "run.mcap", rows, make_header())
+    assert run_app(make_app(), ["log", "info", str(tmp_path / "run.mcap"), "--json"]) == 0
+    faults = json.loads(capsys.readouterr().out)["faults"]
+    assert [line.partition(":")[0] for line in faults] == ["ESTOP", "ENC_STUCK"]
+    assert run_app(make_app(), ["log", "info", str(tmp_path / "run.mcap")]) == 0
+    lines = [line.strip() for line in capsys.readouterr().out.splitlines()]
+    assert faults[1] in lines
 
 
 def test_the_command_offers_every_figure_there_is() -> None:

@@ -221,7 +221,9 @@ def test_a_goal_that_turns_a_joint_to_its_limit_is_left_before_it() -> None:
     (why,) = (event.why for output in outputs for event in output.events if event.kind is EventKind.LOST)
     room = np.minimum(outputs[-1].q - LIMITS.q_min, LIMITS.q_max - outputs[-1].q)
     nearest = int(room.argmin())
-    named = re.fullmatch(r"joint (\d) \(\w+\) at (-?[\d.]+) deg could not stop within its range, (\S+) deg to (\S+) deg", why)
+    named = re.fullmatch(
+        r"joint (\d) \(\w+\) at (-?[\d.]+) deg could not stop within its range, (\S+) deg to (\S+) deg", why
+    )
     assert named is not None, why
     assert int(named[1]) == nearest + 1
     told = np.array([float(named[k]) for k in (2, 3, 4)])

@@ -17,7 +17,7 @@ from qrobot.config import load_robot
 from qrobot.config.values import frozen
 from qrobot.errors import LinkLost
 from qrobot.hwif.bus import Operations
-from qrobot.hwif.image import IMAGE_ENC_COUNT, IMAGE_INPUTS, IMAGE_STATUS, make_image
+from qrobot.hwif.image import IMAGE_ENC_COUNT, IMAGE_INPUTS, IMAGE_STATUS, IMAGE_T_NS, make_image
 from qrobot.hwif.operations import OP_WRITE
 from qrobot.hwif.registers import (
     DAC,
@@ -424,10 +424,43 @@ def test_no_board_is_a_finding() -> None:
     assert (only.ok, bool(only.remedy)) == (False, True)
 
 
+@pytest.mark.parametrize(
+    ("pace", "says"),
+    [(0.01, "has gone 0.0"), (0.5, "faster or slower"), (3.0, "faster or slower"), (1000.0, "faster or slower")],
+)
+def test_a_board_whose_clock_is_not_ours_gets_no_power(pace: float, says: str) -> None:
+    """Its stamps may be of another unit: a push of some hundredths of a second would last for minutes."""
+    desk = Desk(start="ready")
+    desk.spoil = lambda image: image.__setitem__(IMAGE_T_NS, int(image[IMAGE_T_NS] * pace))
+    *_, last = desk.check()
+    assert (last.step, last.ok) == ("the board answers", False)
+    assert says in last.detail
+    assert not [word for offset, word in desk.written if offset == DISCRETE and word & DISCRETE_POWER]
+
+
+def test_a_clock_that_stops_ends_a_push_at_once() -> None:
+    desk = Desk(start="ready")
+    stopped_ns = list[int]()
+
+    def stop(image: Words) -> None:
+        pushes = any(DAC <= offset < DAC + 12 and word != DAC_ZERO for offset, word in desk.written)
+        if pushes:
+            stopped_ns[:] = stopped_ns or [int(image[IMAGE_T_NS])]
+            image[IMAGE_T_NS] = stopped_ns[0]
+
+    desk.spoil = stop
+    *_, last = desk.check()
+    assert last.ok is False
+    assert "the board's clock has gone" in last.detail
+    assert desk.emulator.bundle.board.dac.tolist() == [DAC_ZERO] * 8
+    assert not desk.emulator.powered
+    assert desk.end.now_ns - stopped_ns[0] < 0.6e9
+
+
 def test_a_card_in_this_machine_is_walked_through_as_well() -> None:
     desk = Desk()
     card = FakeCard(desk.end)
-    findings = list(check_board(Walk(FakeCardBus(card), ROBOT, desk.answer), UNATTENDED))
+    findings = list(check_board(Walk(FakeCardBus(card), ROBOT, desk.answer, now_ns=desk.now_ns), UNATTENDED))
     assert [finding for finding in findings if finding.ok is False] == []
     assert not desk.emulator.powered
     assert desk.emulator.bundle.board.dac.tolist() == [DAC_ZERO] * 8
@@ -435,7 +468,7 @@ def test_a_card_in_this_machine_is_walked_through_as_well() -> None:
 
 def test_no_step_that_writes_is_right_on_a_card_that_is_only_read_and_a_dry_run_writes_nothing() -> None:
     desk = Desk()
-    walk = Walk(FakeCardBus(FakeCard(desk, read_only=True)), ROBOT, desk.answer)
+    walk = Walk(FakeCardBus(FakeCard(desk, read_only=True)), ROBOT, desk.answer, now_ns=desk.now_ns)
     findings = list(check_board(walk, Permissions(power=True, hands=False)))
     assert [(finding.step, finding.ok) for finding in findings[2:]] == [("scratch bits", False)]
     findings = list(check_board(walk, Permissions(read_only=True, hands=False)))

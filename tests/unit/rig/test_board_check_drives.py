@@ -33,7 +33,7 @@ def drives_desk(mode: DriveMode = "torque", told: Robot = ROBOT, polarity: int =
     with served(desk.end, torque=torque_for(told), loops=loops) as drives:
         torque = enumerate(torque_for(ROBOT), 1)
         drives.far.torque_permille = tuple(-each if joint == polarity else each for joint, each in torque)
-        desk.walk = Walk(drives.bus, told, desk.walk.ask, mode)
+        desk.walk = Walk(drives.bus, told, desk.walk.ask, mode, now_ns=desk.now_ns)
         desk.answer = desk.by_hand(+1)
         yield desk
 

@@ -18,6 +18,7 @@ from qrobot.rig.interrupts import interrupted_by_signals
 from qrobot.rig.table_maker import make_table
 from qrobot.servo.calibration.state import DEFAULT_INDEXES, PLAUSIBLE, Stage
 from qrobot.servo.calibration.table import CalibrationTable
+from qrobot.servo.event import report_fault
 from qrobot.servo.memory.mailbox import ServoMailbox
 from qrobot.servo.memory.published_state import FLAG_CALIBRATED, FLAG_ESTOP_OK
 from qrobot.servo.memory.stop_record import read_incident
@@ -238,6 +239,31 @@ def test_counters_that_have_jumped_are_not_calibrated_before_the_fault_is_cleare
     assert not rig.seen.flags & FLAG_CALIBRATED
     with pytest.raises(ServoFault, match="in mode FAULT, not OFF: joint 4: ENC_JUMP"):
         rig.calibrate()
+
+
+@pytest.mark.parametrize("code", [FaultCode.ENC_STUCK, FaultCode.ENC_SIGN])
+def test_an_encoder_that_did_not_count_has_to_be_calibrated_and_can_be(code: FaultCode) -> None:
+    """What it has not counted is lost, and may be less than the potentiometers can tell."""
+    rig = CalibratingRig(calibrated=True).powered()
+    rig.emulator.bundle.board.encoders.counter[1] -= 20
+    report_fault(rig.state, code, 1)
+    rig.run_for(0.5)
+    assert (rig.mode, rig.event) == (Mode.FAULT, (code, 1))
+    assert not rig.seen.flags & FLAG_CALIBRATED
+    assert not rig.emulator.calibrated
+    rig.mailbox.request_power(False)
+    rig.mailbox.request_clear()
+    rig.run_for(0.2)
+    assert not rig.calibrate().was_calibrated
+    assert rig.exact()
+
+
+def test_without_a_table_an_arm_stays_as_calibrated_as_it_was() -> None:
+    rig = CalibratingRig(calibrated=True, table=None).powered()
+    report_fault(rig.state, FaultCode.ENC_STUCK, 1)
+    rig.run_for(0.1)
+    assert rig.mode is Mode.FAULT
+    assert rig.emulator.calibrated
 
 
 @pytest.mark.parametrize("table", [TABLE, None])

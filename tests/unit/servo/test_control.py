@@ -37,7 +37,7 @@ from qrobot.report import QueuedReport
 from qrobot.servo.calibration.state import IMPLAUSIBLE, UNJUDGED
 from qrobot.servo.event import report_event
 from qrobot.servo.laws.law import KP, KV, Law
-from qrobot.servo.laws.law_swap import SwapState
+from qrobot.servo.laws.law_swap import SwapState, fall_back
 from qrobot.servo.laws.shipped import LAWS, find_law
 from qrobot.servo.memory import mailbox as mailbox_module
 from qrobot.servo.memory.commander_lock import Authority
@@ -54,6 +54,7 @@ from qrobot.servo.operator.messages import (
     MAX_LINE_BYTES,
     ChangeGains,
     ChangeLaw,
+    Clear,
     OperatorRequest,
     PowerOn,
     Reply,
@@ -243,6 +244,20 @@ def test_power_does_not_come_to_whoever_has_gone_meanwhile(monkeypatch: pytest.M
     assert (answer.ok, answer.error) == (False, "whoever asked for arm power has gone: it stays off")
     process.bench.tick(300)
     assert process.mailbox.snapshot().mode == Mode.OFF
+
+
+def test_the_answer_to_a_clear_tells_the_law_that_is_back(monkeypatch: pytest.MonkeyPatch) -> None:
+    process, visitor = Bench(ServoBench().tick(5)), SimpleNamespace(label="here", gone=threading.Event())
+    for module in (law_changes, requests_module):
+        monkeypatch.setattr(module, "await_loop", lambda _condition: process.bench.tick(5))
+    controls = Controls(process)
+    controls._laws._swap(find_law("pd", process.robot), "pd", process.swap.gains.copy())
+    assert process.law_name == "pd"
+    fall_back(process.swap)
+    answer = decode_reply(controls.answer(cast(Any, visitor), encode(Clear())))
+    controls.farewell(cast(Any, visitor))
+    assert answer.status is not None
+    assert answer.status.law == "qrobot"
 
 
 def test_power_comes_and_goes_and_the_status_tells(servo: Bench, client: ServoClient) -> None:
