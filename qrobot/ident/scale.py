@@ -4,7 +4,8 @@ u_i = s_i (Y_i beta) + friction_i is linear in beta or in s, not in both: Gauss 
 is a robust linear fit. Weight cannot tell a common factor of all scales from a heavier arm, so one motor's torque is
 the unit of the others, unless a known load was carried. The ratio of two scales is told by what both motors feel: of a
 PUMA shoulder and elbow the forearm's weight. A motor that feels no weight, the waist of an upright arm, keeps what is
-believed of every scale beforehand, and what the servo commands it is right all the same, but for its inertia.
+believed of every scale beforehand, and what the servo commands it is right all the same, but for its inertia. So does
+one that feels next to none: what is fitted there are errors of the model, and no scale.
 """
 
 from __future__ import annotations
@@ -14,12 +15,14 @@ from typing import Final
 
 import numpy as np
 
-from qrobot.arrays import Floats
+from qrobot.arrays import Floats, Ints
 from qrobot.ident.fit import KNOWN, Fit, fit_linear
-from qrobot.ident.observe import Observations
+from qrobot.ident.observe import SCALE_DOUBT, Observations
 from qrobot.ident.unknowns import Unknowns
 
 LOAD_DOUBT: Final = 1e-3  # of a load that was weighed
+TOLD: Final = 0.1  # [A] half width of the 95 % interval of a scale that the observations tell
+MOVED: Final = 0.1  # [A] of its half width, from 1: one that has moved less is where it was believed
 _STEPS: Final = 30
 _SETTLED: Final = 1e-6
 
@@ -59,7 +62,30 @@ def less_inertia(observations: Observations, errors: Floats) -> Observations:
 
 
 def _fit_with_inertia(unknowns: Unknowns, observations: Observations, load_kg: float | None) -> Fit:
-    """Everything unknown, then the errors of inertia, in likely ones. Raises IdentificationError."""
+    """Everything unknown, then the errors of inertia, in likely ones. Raises IdentificationError.
+
+    Scales that the observations do not tell stay as they were believed, and so does the doubt about them.
+    """
+    fit = _fit_all(unknowns, observations, load_kg)
+    places = unknowns.n_weights + unknowns.n_friction + np.arange(len(unknowns.free))
+    half = fit.half_width[places]
+    untold = (half > TOLD) & (np.abs(fit.values[places] - 1.0) > MOVED * half)
+    if not untold.any():
+        return fit
+    told = replace(unknowns, free=tuple(np.array(unknowns.free)[~untold].tolist()))
+    return _believing(_fit_all(told, observations, load_kg), places[untold])
+
+
+def _believing(fit: Fit, places: Ints) -> Fit:
+    """The fit with scales of 1 inserted, in the end at `places`, about which nothing is told."""
+    before = places - np.arange(places.size)  # in what they are inserted into
+    covariance = np.insert(np.insert(fit.covariance, before, 0.0, axis=0), before, 0.0, axis=1)
+    covariance[places, places] = SCALE_DOUBT**2
+    return replace(fit, values=np.insert(fit.values, before, 1.0), covariance=covariance)
+
+
+def _fit_all(unknowns: Unknowns, observations: Observations, load_kg: float | None) -> Fit:
+    """Everything unknown, told or not, then the errors of inertia. Raises IdentificationError."""
     known, target, doubt = _known_rows(unknowns, load_kg)
     inertia = observations.inertia
     n_errors = inertia.shape[1]

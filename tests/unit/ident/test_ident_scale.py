@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -78,6 +80,29 @@ def test_a_weighed_load_tells_true_torque() -> None:
     np.testing.assert_allclose(found.beta[:3], beta[:3], rtol=0.02, atol=0.05)
     mass = next(v for v in found.values if v.name == "load.m")
     assert mass.value == pytest.approx(LOAD_KG, rel=0.01)
+
+
+def test_a_motor_that_feels_next_to_no_weight_keeps_its_scale() -> None:
+    """Errors of the model would be taken for a scale: of a flange for a quarter, which made its torque fourfold."""
+    beta, friction = drawn(4, load_kg=0.0)
+    scale = np.append(SCALE[:-1], 0.0)  # what is commanded of the flange has nothing to do with weight
+    bare = generated(beta, friction, 1e-3, 4, scale=scale)
+    loaded = generated(beta, friction, 1e-3, 5, poses=12, scale=scale, load_kg=LOAD_KG)
+    observations, (regressor, base) = bare.followed_by(loaded), puma_base()
+    felt = np.where(observations.motor == N - 1, 0.005, 1.0)
+    observations = replace(
+        observations,
+        gravity=observations.gravity * felt[:, None],
+        gravity_parts=observations.gravity_parts * felt[:, None, None],
+        load=observations.load * felt[:, None],
+    )
+    found = identify(PUMA, base, regressor, observations, load_kg=LOAD_KG)
+    assert found.scale[-1] == 1.0
+    np.testing.assert_allclose(found.scale[1:-1], SCALE[1:-1], rtol=2e-3)
+    told = {value.name: value for value in found.values}
+    assert told["flange.torque_scale"].half_width == pytest.approx(1.96 * 0.3, rel=1e-3)
+    assert told["load.hz"].value == pytest.approx(LOAD_KG * LOAD[3], rel=0.02)
+    np.testing.assert_allclose(found.friction, friction, atol=2e-3)
 
 
 def test_a_weighed_load_that_nothing_carried_is_refused() -> None:
