@@ -12,7 +12,7 @@ from rich.table import Table
 
 from qrobot.cli.console import note, out, print_table, write_json
 from qrobot.cli.log_compare import compare
-from qrobot.cli.logs import first_parts, read_and_warn
+from qrobot.cli.logs import files_of_run, first_parts, read_and_warn
 from qrobot.cli.option_types import (
     Gigabytes,
     Megabytes,
@@ -354,7 +354,6 @@ def record(
         What the log of an emulated arm shall say of the plant, overriding the file.
     """
     from qrobot.cli.arms import choose_arm, robot_of_arm, tool_of_arm
-    from qrobot.config import deployment_path, robot_path
     from qrobot.fences.told_fences import told_fences
     from qrobot.log.fences_of_log import fence_attachments
     from qrobot.log.follow import ServoFollower, follow, log_paths
@@ -372,7 +371,7 @@ def record(
         raise ConfigError(f"--plant {plant!r}: {chosen.name} is {kind}")
     robot = robot_of_arm(chosen)
     await_turn()
-    attachments = attach_files([robot_path(chosen.robot), deployment_path(deployment)])
+    attachments = attach_files(files_of_run(chosen, deployment))
     fences = told_fences(chosen, robot)
     attachments += fence_attachments(fences)
     tool = tool_of_arm(chosen)

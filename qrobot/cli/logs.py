@@ -11,6 +11,7 @@ from qrobot.errors import ConfigError, LogError
 from qrobot.log.topics import part_beside
 
 if TYPE_CHECKING:
+    from qrobot.config import DeployedArm
     from qrobot.log.read import Log
 
 
@@ -22,6 +23,23 @@ def first_parts(files: Sequence[Path]) -> list[Path]:
     if not files:
         raise ConfigError("name at least one log, such as out/puma560-*.mcap")
     return [file for file in files if _part_before(file) not in files]
+
+
+def files_of_run(arm: DeployedArm, deployment: str, law: str | None = None, model: str | None = None) -> list[Path]:
+    """Files that say what was chosen for a run: robot, deployment, the model and the law of a file, if there are any.
+
+    `law` and `model` stand in front of those of the deployment file. Raises ConfigError when a file but that of the law
+    is not there.
+    """
+    from qrobot.config import deployment_path, robot_path
+    from qrobot.config.identified import model_path
+    from qrobot.servo.laws.names import is_file_law, split_name
+
+    law, model = law or arm.servo.law, model or arm.servo.model
+    files = [robot_path(arm.robot), deployment_path(deployment)]
+    files += [model_path(model)] if model else []
+    law_file = Path(split_name(law)[0])
+    return [*files, law_file] if is_file_law(law) and law_file.is_file() else files
 
 
 def _part_before(file: Path) -> Path | None:

@@ -12,10 +12,10 @@ from typing import Literal
 from qrobot.cli.arm_links import ArmLinks, links_of
 from qrobot.cli.arms import controlled_robot, robot_of_arm, tool_of_arm
 from qrobot.cli.console import note
+from qrobot.cli.logs import files_of_run
 from qrobot.cli.program_settings import settings_of
 from qrobot.cli.run_film import film_log, filmed
 from qrobot.cli.servo_settings import check_law, servo_settings
-from qrobot.config import deployment_path, robot_path
 from qrobot.config.deployment import DeployedArm
 from qrobot.config.scene import SceneKind
 from qrobot.config.start_place import start_place
@@ -103,6 +103,7 @@ class LockstepArm:
 
     def __init__(self, run: LockstepRun, arm: DeployedArm, keep: bool) -> None:
         self.arm, self._plant, self._several = arm, run.plant, len(run.arms) > 1
+        self._law, self._model = run.law, run.model
         self._robot = robot_of_arm(arm)
         law = None if run.law is None else check_law(run.law, self._robot)
         scene = run.scene or settings_of(run.program).scene
@@ -135,7 +136,7 @@ class LockstepArm:
         choices = settings.velocity, settings.interpolation
         laws, tool = rig.laws_in_force(), tool_of_arm(arm)
         header = header_for(self._robot, rig.period_ns, laws[0].law, LOCKSTEP, plant, *choices, arm.name)
-        attachments = attach_files([robot_path(arm.robot), deployment_path(deployment)])
+        attachments = attach_files(files_of_run(arm, deployment, self._law, self._model))
         fences = told_fences(arm, self._robot)
         attachments += fence_attachments(fences)
         path, rows = next(log_paths(log, arm.name)), rig.rows()

@@ -121,13 +121,18 @@ def robot_digest(robot: Robot) -> str:
     return hashlib.sha256(json.dumps(plain, default=np.ndarray.tolist, sort_keys=True).encode()).hexdigest()[:16]
 
 
+def model_path(name_or_path: str | Path) -> Path:
+    """Find a model: a path to a `.toml`, or the name of a packaged one. Raises ConfigError when there is none."""
+    return config_path(name_or_path, FileKind.MODEL, FOLDER)
+
+
 def load_model(name_or_path: str | Path, robot: Robot) -> IdentifiedModel:
     """Load a model, a path to a `.toml` or the name of a packaged one, for a robot.
 
     Raises:
         ConfigError: no such file, mistakes in it, or it was made for another robot.
     """
-    path = config_path(name_or_path, FileKind.MODEL, FOLDER)
+    path = model_path(name_or_path)
     document = read_document(path)
     if document.get("robot") != robot.name:
         raise ConfigError(f"{path.name} was identified on robot {document.get('robot')!r}, not on {robot.name!r}")

@@ -62,6 +62,11 @@ def kind_of_file(path: Path) -> FileKind | None:
             data = file.read(_LOOKED_AT)
     except OSError:
         return None
+    return kind_of_content(data)
+
+
+def kind_of_content(data: bytes) -> FileKind | None:
+    """The kind of what stands in a file; None when it is of no kind."""
     for magic, kind in _MAGIC.items():
         if data.startswith(magic):
             return kind

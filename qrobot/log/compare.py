@@ -7,8 +7,10 @@ shift is found by laying the desired positions over each other.
 
 from __future__ import annotations
 
+import hashlib
 import math
 import tomllib
+from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, fields
 from functools import cached_property
@@ -17,6 +19,7 @@ from typing import Any, Final
 import numpy as np
 
 from qrobot.arrays import Floats
+from qrobot.config.kinds import FileKind, kind_of_content
 from qrobot.errors import LogError
 from qrobot.log.events import GAINS
 from qrobot.log.header import LogHeader
@@ -202,20 +205,39 @@ def _header_differences(a: LogHeader, b: LogHeader) -> Iterator[Difference]:
 
 
 def _file_differences(a: Log, b: Log) -> Iterator[Difference]:
-    """Key by key what the configuration files carried in both logs say differently: gains, limits, time-outs."""
-    for name in sorted(a.attachments.keys() & b.attachments.keys()):
-        one, other = (_flat(log.attachments[name]) for log in (a, b))
+    """Key by key what the files carried in both logs say differently: gains, limits, time-outs; and a model in one."""
+    for label, *contents in _pairs(a.attachments, b.attachments):
+        one, other = map(_flat, contents)
         for key in sorted(one.keys() | other.keys()):
             if one.get(key) != other.get(key):
-                yield Difference(f"{name}: {key}", one.get(key), other.get(key))
+                yield Difference(f"{label}: {key}", one.get(key), other.get(key))
+    models = [_of_kind(log.attachments).get(FileKind.MODEL) for log in (a, b)]
+    if (models[0] is None) != (models[1] is None):
+        yield Difference("model", *models)
 
 
-def _flat(toml: bytes) -> dict[str, Any]:
-    """Values of a TOML file by dotted key; what is no TOML counts as one value."""
+def _pairs(a: Mapping[str, bytes], b: Mapping[str, bytes]) -> Iterator[tuple[str, bytes, bytes]]:
+    """Files of one name, then those of one kind that have other names: a label, and what they hold."""
+    same = a.keys() & b.keys()
+    yield from ((name, a[name], b[name]) for name in sorted(same))
+    one, other = (_of_kind({name: data for name, data in files.items() if name not in same}) for files in (a, b))
+    for kind in sorted(one.keys() & other.keys(), key=lambda kind: kind.name):
+        yield f"{one[kind]} and {other[kind]}", a[one[kind]], b[other[kind]]
+
+
+def _of_kind(files: Mapping[str, bytes]) -> dict[FileKind, str]:
+    """Name of the file of each kind, where there is one of it."""
+    kinds = {name: kind_of_content(data) for name, data in files.items()}
+    counted = Counter(kinds.values())
+    return {kind: name for name, kind in kinds.items() if kind is not None and counted[kind] == 1}
+
+
+def _flat(data: bytes) -> dict[str, Any]:
+    """Values of a TOML file by dotted key; what is no TOML, as a law in Python, counts as one value: its digest."""
     try:
-        return dict(_leaves(tomllib.loads(toml.decode("utf-8-sig")), ""))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError):
-        return {"contents": toml.decode(errors="replace")}
+        return dict(_leaves(tomllib.loads(data.decode("utf-8-sig")), ""))
+    except ValueError:
+        return {"contents": f"sha256 {hashlib.sha256(data).hexdigest()[:12]}"}
 
 
 def _leaves(value: Any, path: str) -> Iterator[tuple[str, Any]]:

@@ -58,7 +58,7 @@ PARAMETER_RANGES: Final = {
 
 
 def check_cycles(cycles: int) -> int:
-    """How often a program is run. Raises ProgramError for not at all."""
+    """Cycles of a program that is run. Raises ProgramError for one that is to run not at all."""
     if cycles == 0:
         raise ProgramError("cycles: expected 1 or more, or a negative number for a program without end", column=1)
     return cycles

@@ -97,6 +97,27 @@ def test_an_attached_file_that_is_no_toml_is_compared_as_a_whole() -> None:
     assert [difference.what for difference in compare_logs(a, b).differences] == ["arm.toml: contents"]
 
 
+def test_a_law_that_was_edited_is_told_by_its_digest_and_not_by_its_lines() -> None:
+    a, b = (replace(make_log(), attachments={"mine.py": b"def law(q):\n    return %d * q\n" % k}) for k in (1, 3))
+    [told] = compare_logs(a, b).differences
+    assert told.what == "mine.py: contents"
+    assert told.a != told.b
+    assert str(told.a).startswith("sha256 ")
+    assert compare_logs(a, a).differences == ()
+
+
+def test_files_of_one_kind_and_other_names_are_compared_and_a_model_that_one_has_alone_is_told() -> None:
+    model = b"robot_digest = '%d'\n"
+    a = replace(make_log(), attachments={"left.toml": b"[[arm]]\nrate_hz = 1000\n"})
+    b = replace(make_log(), attachments={"right.toml": b"[[arm]]\nrate_hz = 2000\n", "found.toml": model % 1})
+    assert compare_logs(a, b).differences == (
+        Difference("left.toml and right.toml: arm[1].rate_hz", 1000, 2000),
+        Difference("model", None, "found.toml"),
+    )
+    c = replace(b, attachments={**a.attachments, "other.toml": model % 2})
+    assert Difference("found.toml and other.toml: robot_digest", "1", "2") in compare_logs(b, c).differences
+
+
 def test_logs_of_different_robots_are_refused() -> None:
     with pytest.raises(LogError, match=r"only logs of one robot.*0\.mcap is of sample .*0\.mcap is of other"):
         compare_logs(make_log(), make_log(header=replace(make_header(3), robot="other")))
