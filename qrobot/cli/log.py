@@ -97,6 +97,8 @@ def _show_facts(file: Path, facts: dict[str, Any]) -> None:
     del facts["joint_units"]  # the errors have theirs behind them
     if facts.pop("being_written") and not facts["lost_to_damage"]:
         facts["complete"] = "not yet: its recorder still writes it"
+    elif not facts["complete"] and not facts["lost_to_damage"]:
+        facts["complete"] = "no: it breaks off, as where its recorder was killed or the disk was full"
     facts["law"] = ", then ".join(facts.pop("laws"))
     facts["events"] = _first_events(facts["events"], file)
     for error in ("max_abs_error", "rms_error"):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from contextlib import closing, suppress
+from contextlib import ExitStack, closing, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from qrobot.config.deployment import DeployedArm
+    from qrobot.rig.log_trouble import LogTrouble
     from qrobot.rig.process_starter import ProcessStarter
     from qrobot.rig.processes import ProcessRig
 
@@ -85,11 +86,14 @@ def _run(
 ) -> None:
     """Start all arms, watch them until Ctrl-C, end them."""
     from qrobot.rig.deployed import ArmProcesses
+    from qrobot.rig.log_trouble import LogTrouble
     from qrobot.rig.processes import ProcessRig
 
-    # A queue of lines: none may keep the processes from being ended.
-    with QueuedReport(note) as told, ProcessRig(out_dir, starter, told) as rig:
-        look = _looks(rig, told)
+    # A queue of lines: none may keep the processes from being ended. What their logs have lost is told behind that.
+    with QueuedReport(note) as told, ExitStack() as ended, ProcessRig(out_dir, starter, told) as rig:
+        trouble = LogTrouble(told)
+        ended.callback(lambda: trouble.look_back(rig.children.values()))
+        look = _looks(rig, told, trouble)
         if advice := lasting_advice(runtime_path()):
             told(advice)
         for arm in arms:
@@ -113,12 +117,11 @@ def _calibrate(arm: DeployedArm, told: Report, look: Callable[[], None]) -> None
     told(f"{arm.name} is calibrated{': its board has kept the counters' if kept else ''}")
 
 
-def _looks(rig: ProcessRig, told: Report) -> Callable[[], None]:
+def _looks(rig: ProcessRig, told: Report, trouble: LogTrouble) -> Callable[[], None]:
     """A look after all processes; it raises LinkLost when one has ended that the arm cannot do without."""
-    from qrobot.rig.log_trouble import LogTrouble
     from qrobot.rig.restarts import Restarts
 
-    restarts, trouble = Restarts(rig, told), LogTrouble(told)
+    restarts = Restarts(rig, told)
 
     def look() -> None:
         restarts.look()

@@ -16,7 +16,7 @@ from typing import Final
 
 from qrobot.errors import LinkError, LinkMismatch
 from qrobot.log.record import LogRecorder, RowSink
-from qrobot.log.status import LOG_IS_BEHIND, LogStatus
+from qrobot.log.status import LOG_IS_BEHIND, LOG_IS_CUT, LogStatus
 from qrobot.log.topics import STAMP
 from qrobot.realtime.shared_memory import SharedMemory
 from qrobot.report import Report
@@ -126,7 +126,7 @@ class ServoFollower:
         self._report(f"the servo of {self._arm} ends, {self._session.name}: {counts}")
         if recorder.backlog:
             self._report(
-                f"the disk did not take its last {recorder.backlog} bytes ({recorder.last_error}): "
+                f"{LOG_IS_CUT} {recorder.backlog} bytes ({recorder.last_error}): "
                 "`qrobot log info` tells how far the log reaches"
             )
         self._session.segment.close()

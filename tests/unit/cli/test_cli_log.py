@@ -122,6 +122,10 @@ def test_info_of_a_log_that_is_being_written_says_so(tmp_path: Path, capsys: pyt
     assert run_app(make_app(), [*words, "--json"]) == 0
     facts = json.loads(capsys.readouterr().out)
     assert (facts["complete"], facts["being_written"], facts["cycles"]) == (False, True, 100)
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(writer.path.read_bytes())
+    assert run_app(make_app(), ["log", "info", str(cut)]) == 0
+    assert "complete no: it breaks off, as where its recorder was killed" in " ".join(capsys.readouterr().out.split())
     writer.close()
     assert run_app(make_app(), words) == 0
     assert "complete yes" in " ".join(capsys.readouterr().out.split())

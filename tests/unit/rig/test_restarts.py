@@ -106,3 +106,11 @@ def test_a_log_whose_disk_is_full_is_told_once() -> None:
     for _ in range(3):
         trouble.look([child])
     assert told == ["a-log: the log is behind: 0 cycles lost, 1 refusals by the disk; more of it stands in a-log.txt"]
+
+
+def test_a_log_whose_end_is_not_on_the_disk_is_told_when_all_has_ended() -> None:
+    told: list[str] = []
+    lines = {"a-log": "the disk did not take its last 7 bytes (no space)", "b-log": "9 cycles, 0 lost", "c": "killed"}
+    children: Any = [SimpleNamespace(name=name, complaint=lambda line=line: line) for name, line in lines.items()]
+    LogTrouble(told.append).look_back(children)
+    assert told == ["a-log: the disk did not take its last 7 bytes (no space)"]
