@@ -67,6 +67,7 @@ from qrobot.servo.process.loop_priority import LoopPriority
 from qrobot.servo.process.neighbour_look import looking
 from qrobot.servo.process.rate_test import RATE, RT_BUDGET, judge_budget, judge_pace
 from qrobot.servo.process.rate_trial import RateTrial, first_margin, has_fifo, spin_share
+from qrobot.servo.process.sole_servo import sole_servo
 from qrobot.servo.settings import ServoSettings
 from qrobot.servo.state import ServoState, make_state
 
@@ -305,6 +306,7 @@ def serve(
     with (
         interrupted_by_sigterm(),  # the loop is not there yet to be asked for an end
         create_servo_memory(arm, robot.name, law_label(settings.law), robot.n, settings.period_ns, rows) as memory,
+        sole_servo(arm),
     ):
         describe_choices(memory.words, settings.velocity, settings.interpolation)
         describe_analog_outputs(memory.words, settings.analog_ranges)

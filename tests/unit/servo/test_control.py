@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import errno
 import json
+import os
 import re
 import signal
 import socket
@@ -43,7 +44,7 @@ from qrobot.servo.memory import mailbox as mailbox_module
 from qrobot.servo.memory.commander_lock import Authority
 from qrobot.servo.memory.law_history import JournalReader
 from qrobot.servo.memory.mailbox import ServoMailbox
-from qrobot.servo.memory.servo_memory import TAKING, create_servo_memory, journal_base
+from qrobot.servo.memory.servo_memory import TAKING, attach_servo_memory, create_servo_memory, journal_base
 from qrobot.servo.memory.stop_record import Incident, note_incident, read_incident
 from qrobot.servo.operator import client as client_module
 from qrobot.servo.operator import law_changes, loop_wait
@@ -73,6 +74,7 @@ from qrobot.servo.operator.sockets import (
 )
 from qrobot.servo.operator.status import servo_status
 from qrobot.servo.process.daemon import Look, _Herald, _run_and_watch, _served, serve
+from qrobot.servo.process.sole_servo import sole_servo
 from qrobot.servo.settings import ServoSettings
 from tests.support.patience import PATIENCE_S, wait_until
 from tests.support.processes import write_deployment
@@ -1226,6 +1228,17 @@ def test_a_board_that_tells_of_too_few_encoder_channels_gets_no_servo() -> None:
         with pytest.raises(ConfigError, match="puma560 has 6 joints, its board tells of 5 encoder channels"):
             serve(name, load_robot("puma560"), ServoSettings(), False, print, print)
         command_board_memory(name).close()  # nobody holds it
+
+
+def test_a_second_servo_is_refused_where_the_files_of_the_first_have_been_removed() -> None:
+    """As a logout may do: `qrobot ctl stop` would reach the second one, and succeed."""
+    name = f"t{uuid.uuid4().hex[:10]}"
+    with create_board_memory(name) as board, sole_servo(name):
+        board.memory.facts.joints = 6
+        with pytest.raises(LinkBusy, match=rf"a servo of {name} runs, process {os.getpid()}, whose files"):
+            serve(name, load_robot("puma560"), ServoSettings(), False, print, print)
+        with pytest.raises(LinkError):
+            attach_servo_memory(name)
 
 
 def test_resume_is_heard_as_the_end_of_a_pause_also_when_there_was_none(servo: Bench) -> None:
