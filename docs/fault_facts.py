@@ -109,6 +109,10 @@ FACTS: Final = {
         "the same cycle; no such torque is written",
         f"{CYCLE}::test_a_law_that_breaks_while_tracking_is_replaced_and_the_arm_stopped",
     ),
+    F.BOARD_CLOCK: Fact(
+        "two whole seconds of images; without power it is refused then",
+        "tests/unit/servo/test_board_clock.py::test_a_clock_that_goes_faster_than_ours_stops_the_arm_within_two_seconds",
+    ),
     F.BOARD_JOINTS: Fact(
         "power is refused", f"{SUPERVISOR}::test_power_is_refused_with_the_reason_and_not_given_later_by_itself", False
     ),

@@ -26,6 +26,7 @@ class FaultCode(IntEnum):
     ENC_LOSS = 8
     BOARD_GONE = 9
     BOARD_JOINTS = 80
+    BOARD_CLOCK = 82
     VEL_LIMIT = 10
     # actuators and power
     DAC_STUCK = 11
@@ -145,6 +146,10 @@ EXPLANATION: dict[FaultCode, tuple[str, str]] = {
     FaultCode.BOARD_GONE: (
         "the board does not answer or its data are stale",
         "check the board or its process, then `qrobot ctl clear` where it was a fault, and power on",
+    ),
+    FaultCode.BOARD_CLOCK: (
+        "the clock of the board's time stamps goes faster than ours, so that its joints seem slower than they are",
+        "let its images carry nanoseconds, then `qrobot ctl clear` where it was a fault",
     ),
     FaultCode.BOARD_JOINTS: (
         "the board has fewer encoder channels than the robot has joints",

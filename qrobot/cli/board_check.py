@@ -62,6 +62,7 @@ def check(
     from qrobot.rig.board_check import Permissions, check_board
     from qrobot.rig.board_walk import Walk
     from qrobot.rig.interrupts import interrupted_by_signals
+    from qrobot.servo.process.sole_servo import sole_servo
 
     if not yes and not read_only and not sys.stdin.isatty():
         raise ConfigError("nobody is there to answer: use a terminal, or --yes, or --read-only")
@@ -77,7 +78,7 @@ def check(
     )
     findings = []
     permissions = Permissions(read_only, power, hands=not yes and not read_only)
-    with interrupted_by_signals(), closing(check_board(walk, permissions)) as made:
+    with interrupted_by_signals(), sole_servo(chosen.name), closing(check_board(walk, permissions)) as made:
         for finding in made:
             findings.append(finding)
             if not json:

@@ -187,6 +187,10 @@ class ServoState:
     safe_image: int = -1  # count of the image in which that list was seen taken, -1 before
     image_taken_ns: int = 0  # when the image fetched for this tick was taken, on the same clock
     image_age_ns: int = 0  # of the image fetched for this tick, on the clock of the servo
+    clock_board_ns: int = 0  # passed in this window by the board's clock, and by ours, see `servo.checks.board_clock`
+    clock_own_ns: int = 0
+    clock_taken_ns: int = 0  # when the image before was taken
+    clock_fast: int = 0  # windows in a row in which the board's clock went too fast
     dt: float = 0.0
     sample_dt: float = 0.0
     phase: float = 0.0

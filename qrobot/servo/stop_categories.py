@@ -13,6 +13,7 @@ from qrobot.servo.modes import StopCategory
 _CATEGORY: Final[dict[FaultCode, StopCategory]] = {
     FaultCode.VEL_LIMIT: StopCategory.CATEGORY_1,
     FaultCode.JOINT_LIMIT: StopCategory.CATEGORY_1,
+    FaultCode.BOARD_CLOCK: StopCategory.CATEGORY_1,
     FaultCode.ENC_LOSS: StopCategory.CATEGORY_1,
     FaultCode.GUARD_LOST: StopCategory.CATEGORY_1,
     FaultCode.LAW_NAN: StopCategory.CATEGORY_1,

@@ -1,4 +1,7 @@
-"""A servo of an arm is the only one, also when the files of another have been removed from the runtime folder."""
+"""Whoever drives an arm is the only one, also where the files of another have been removed from the runtime folder.
+
+Servos do, and walks over a board (`qrobot board check`), which have no files; a card of this machine has no owner.
+"""
 
 from __future__ import annotations
 
@@ -12,11 +15,11 @@ from qrobot.realtime.runtime_folder import runtime_path
 
 @contextmanager
 def sole_servo(arm: str) -> Iterator[None]:
-    """Be the servo of an arm inside the block. Raises LinkBusy, with its process, when there is another one."""
+    """Be the one that drives an arm inside the block. Raises LinkBusy, with its process, when there is another one."""
     with claimed(f"servo of {arm}") as holder:
         if holder:
             raise LinkBusy(
-                f"a servo of {arm} runs, process {holder}, whose files have been removed from {runtime_path()}: "
-                "`qrobot ctl` does not find it. End it, then start again"
+                f"process {holder} drives {arm}: a servo whose files have been removed from {runtime_path()}, so that "
+                "`qrobot ctl` does not find it, or a `qrobot board check`. End it, then start again"
             )
         yield

@@ -25,6 +25,7 @@ from qrobot.realtime.jit import lean_kernel, part_kernel
 from qrobot.servo.calibration.potentiometers import forget_pots, gather_pot, has_table, watch_pots
 from qrobot.servo.calibration.procedure import see_load
 from qrobot.servo.calibration.state import Stage
+from qrobot.servo.checks.board_clock import clock_is_fast, follow_clock, forget_clock
 from qrobot.servo.checks.encoder_monitor import follow_counts
 from qrobot.servo.checks.limit_checks import (
     RUNAWAY,
@@ -57,6 +58,7 @@ CALIBRATING: Final = int(Mode.CALIBRATING)
 LOADING: Final = int(Stage.LOADING)
 NONE: Final = int(FaultCode.NONE)
 ENC_JUMP: Final = int(FaultCode.ENC_JUMP)
+BOARD_CLOCK: Final = int(FaultCode.BOARD_CLOCK)
 GLITCHES_TO_FAULT: Final = 3
 TOO_FAST_CYCLES: Final = 2  # in a row: one alone can be the noise of a velocity out of counts [A]
 COMPLIANT_REACH: Final = 5.0  # times the following error, for an arm that gives way: it may be pushed so far [A]
@@ -140,6 +142,9 @@ def read_encoders(params: ServoParameters, state: ServoState) -> None:
     periods = max(1, (since_ns + params.period_ns // 2) // params.period_ns)
     state.read_ns = state.image[IMAGE_T_NS]
     state.sample_dt += since_ns * 1e-9
+    follow_clock(state, since_ns)
+    if clock_is_fast(state) and gives_torque(state.mode):
+        report_fault(state, BOARD_CLOCK)
     expect_counts(params, state)
     for j in range(state.raw.size):
         state.jump[j] = params.jump_counts[j] * periods
@@ -183,6 +188,7 @@ def adopt(params: ServoParameters, state: ServoState, words: Any) -> None:
     state.discrete_sent = -1
     state.glitches = 0
     state.read_ns = state.image[IMAGE_T_NS] - params.period_ns
+    forget_clock(state)
     state.adopt = ADOPT_NOTHING
     state.watch.unpowered_s = 0.0  # where the arm is parked has to be seen anew
     state.started = 1

@@ -22,6 +22,7 @@ from qrobot.servo.calibration.state import (
     PLAUSIBLE,
     Stage,
 )
+from qrobot.servo.checks.board_clock import clock_is_fast
 from qrobot.servo.event import report_event, report_fault
 from qrobot.servo.hold import allow_range, hold_position, hold_reference
 from qrobot.servo.kernels.interpolation_polynomials import N_KNOTS
@@ -61,6 +62,7 @@ NONE: Final = int(FaultCode.NONE)
 ESTOP: Final = int(FaultCode.ESTOP)
 BOARD_GONE: Final = int(FaultCode.BOARD_GONE)
 BOARD_JOINTS: Final = int(FaultCode.BOARD_JOINTS)
+BOARD_CLOCK: Final = int(FaultCode.BOARD_CLOCK)
 POWER_LOST: Final = int(FaultCode.POWER_LOST)
 POWER_NO_ACK: Final = int(FaultCode.POWER_NO_ACK)
 GUARD_LOST: Final = int(FaultCode.GUARD_LOST)
@@ -178,6 +180,8 @@ def _leave_off(params: ServoParameters, state: ServoState, mail: Any, now_ns: in
         report_event(state, BOARD_GONE)
     elif 0 < state.board_joints < state.q.size:
         report_event(state, BOARD_JOINTS)  # a joint would have an angle that nobody has measured
+    elif clock_is_fast(state):
+        report_event(state, BOARD_CLOCK)
     elif state.status & STATUS_ESTOP_OK == 0:
         report_event(state, ESTOP)
     elif not guardian_alive(params, mail, now_ns):

@@ -236,6 +236,7 @@ static inline const char *qrobot_fault_text(int code)
     case 79: return "FENCE: the arm would enter a fence of the deployment file, or come too near another arm, or one that is not heard of";
     case 80: return "BOARD_JOINTS: the board has fewer encoder channels than the robot has joints";
     case 81: return "POWER_STOPPED: somebody stopped the arm before its power was on";
+    case 82: return "BOARD_CLOCK: the clock of the board's time stamps goes faster than ours, so that its joints seem slower than they are";
     default: return "a code that is not known here";
     }
 }

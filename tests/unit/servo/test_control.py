@@ -1235,7 +1235,7 @@ def test_a_second_servo_is_refused_where_the_files_of_the_first_have_been_remove
     name = f"t{uuid.uuid4().hex[:10]}"
     with create_board_memory(name) as board, sole_servo(name):
         board.memory.facts.joints = 6
-        with pytest.raises(LinkBusy, match=rf"a servo of {name} runs, process {os.getpid()}, whose files"):
+        with pytest.raises(LinkBusy, match=rf"process {os.getpid()} drives {name}: a servo whose files"):
             serve(name, load_robot("puma560"), ServoSettings(), False, print, print)
         with pytest.raises(LinkError):
             attach_servo_memory(name)

@@ -358,8 +358,11 @@ def test_a_board_that_is_asked_so_seldom_that_no_push_is_noticed_is_refused(
 
 
 def test_a_servo_does_not_start_behind_a_board_that_is_asked_too_seldom() -> None:
-    settings, report = ServoSettings(exchange_ms=4.0, unchecked_gains=True), QueuedReport(lambda _line: None)
-    with pytest.raises(ConfigError, match=r"lower rate_hz to 326 at most, .* every 3\.26 ms at least"):
+    settings = ServoSettings(exchange_ms=4.0, unchecked_gains=True)
+    with (
+        QueuedReport(lambda _line: None) as report,
+        pytest.raises(ConfigError, match=r"lower rate_hz to 326 at most, .* every 3\.26 ms at least"),
+    ):
         serve("nobody", load_robot("puma560"), settings, False, report, lambda: None)
 
 
