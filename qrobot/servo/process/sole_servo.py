@@ -1,6 +1,6 @@
-"""Whoever drives an arm is the only one, also where the files of another have been removed from the runtime folder.
+"""One driver to an arm, also where the files of another have been removed from the runtime folder.
 
-Servos do, and walks over a board (`qrobot board check`), which have no files; a card of this machine has no owner.
+Its servo drives an arm, or a walk over its board (`qrobot board check`), which has no files; a card has no owner.
 """
 
 from __future__ import annotations
