@@ -217,8 +217,7 @@ def events(file: Path, *, json: bool = False) -> None:
 
 @app.command
 def plot(
-    file: Path,
-    *others: Path,
+    *files: Path,
     output: OutputFolder | None = None,
     only: Annotated[tuple[FigureName, ...], Parameter(negative="")] = (),
 ) -> None:
@@ -228,10 +227,8 @@ def plot(
 
     Parameters
     ----------
-    file
-        First file of the log; the parts of a rotated one are found by themselves.
-    others
-        Those of other logs.
+    files
+        First file of each log; the parts of a rotated one are found by themselves, and pass here for one log.
     output
         Directory for the figures; beside each log if left out.
     only
@@ -239,10 +236,10 @@ def plot(
     """
     from qrobot.log.plot import FIGURES, figures_of, save_figure
 
-    files = first_parts((file, *others))
-    for each in files:
+    first = first_parts(files)
+    for each in first:
         checked_folder(output or each.parent)
-    for each in files:
+    for each in first:
         log = read_and_warn(each)
         for name in only or figures_of(log):
             path = (output or each.parent) / f"{each.stem}-{name}.png"

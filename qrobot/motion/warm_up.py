@@ -16,6 +16,7 @@ from qrobot.motion.force.controlled_frame import controlled_frame
 from qrobot.motion.force.external_torque import ArmSample, ExternalTorque
 from qrobot.motion.generator import Generator
 from qrobot.motion.path.blend import Blend
+from qrobot.motion.planning.setpoint_check import judge_row
 from qrobot.motion.request import Duration, MotionMode, MotionSpeed, MoveRequest, SpeedShare, ToolSpeed
 from qrobot.motion.world.drive_transform import OrientationInterpolation
 from qrobot.motion.world.equation import Equation
@@ -42,6 +43,7 @@ def warm_up(n: int, blend: Blend) -> None:
         if tick == _TICKS // 2:
             generator.stop(0.1)
         generator.update(tick)
+    judge_row(np.zeros((3, n)), _PERIOD_S, limits, blend)  # of lines that begin at a corner
 
 
 def warm_up_force(robot: Robot) -> None:

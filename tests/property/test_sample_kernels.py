@@ -12,7 +12,7 @@ from qrobot.motion import Blend, MotionLimits, Termination
 from qrobot.motion.path.blend import PEAK
 from qrobot.motion.path.setpoint_history import motion_of
 from qrobot.motion.planning.joint_stop import BULGE, SHORTEST_STOP_S, joint_stop_s
-from qrobot.motion.planning.setpoint_check import joint_at_limit, judge_next
+from qrobot.motion.planning.setpoint_check import joint_at_limit, judge_next, judge_row
 from qrobot.motion.world.product import multiply_chain
 from tests.support.motion import LIMITS
 from tests.support.thorough import examples
@@ -52,6 +52,16 @@ def test_what_was_seen_once_stands_and_what_was_seen_twice_does_not_accelerate()
     a, b = (3, np.array([1.0])), (5, np.array([1.5]))
     assert motion_of([a], PERIOD_S)[:, 0].tolist() == [1.0, 0.0, 0.0]
     assert motion_of([a, b], PERIOD_S)[:, 0] == pytest.approx([1.5, 0.5 / 0.02, 0.0])
+
+
+@given(st.lists(st.lists(st.floats(-0.05, 0.05), min_size=6, max_size=6), min_size=3, max_size=9))
+@settings(max_examples=examples(50))
+def test_a_row_of_setpoints_is_right_when_each_is_beside_the_two_before(steps: list[list[float]]) -> None:
+    joints = np.cumsum(np.cumsum(steps, axis=0), axis=0) * 0.3
+    threes = [[(k, joints[k]) for k in range(begin, begin + 3)] for begin in range(len(joints) - 2)]
+    codes = [judge_next(three, PERIOD_S, LIMITS, Blend.QUARTIC) for three in threes]
+    found = judge_row(joints, PERIOD_S, LIMITS, Blend.QUARTIC)
+    assert found is next((code for code in reversed(codes) if code is not Termination.NONE), Termination.NONE)
 
 
 def judged(q: np.ndarray, v: np.ndarray, a: np.ndarray, limits: MotionLimits = LIMITS) -> Termination:

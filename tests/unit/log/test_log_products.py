@@ -20,6 +20,7 @@ from qrobot.log.read import Log
 from qrobot.log.status import LogStatus
 from qrobot.log.summary import tracking_summary
 from qrobot.modecodes import Mode
+from qrobot.servo.memory.law_history import LawInForce
 from qrobot.servo.memory.telemetry import FLAG_UNSEEN
 from tests.support.log_samples import PERIOD_NS, make_header, make_rows
 
@@ -98,10 +99,10 @@ def test_skipped_cycles_are_told_from_rows_that_the_recorder_lost() -> None:
     assert (summary.skipped_cycles, summary.lost_rows, summary.cycles) == (3, 4, 96)
 
 
-def test_faults_are_listed_once_each() -> None:
+def test_faults_are_listed_once_each_in_the_order_of_time() -> None:
     log = make_log(10)
-    log.rows["fault"][4:7], log.rows["fault"][8] = 66, 22
-    assert tracking_summary(log).faults == (22, 66)
+    log.rows["fault"][2], log.rows["fault"][4:7], log.rows["fault"][8] = 66, 22, 66
+    assert tracking_summary(log).faults == (66, 22)
 
 
 def test_csv_keeps_every_bit_under_names_with_units(tmp_path: Path) -> None:
@@ -190,7 +191,8 @@ def test_a_table_or_figure_that_is_broken_off_leaves_the_one_before(
 @pytest.mark.parametrize("name", list(FIGURES))
 @pytest.mark.parametrize(("n", "n_rows"), [(9, 3), (1, 0)])
 def test_every_figure_can_be_drawn_and_written(name: str, n: int, n_rows: int, tmp_path: Path) -> None:
-    save_figure(FIGURES[name](make_log(n_rows, n)), tmp_path / "deep" / f"{name}.png")
+    named = LawInForce(0, 0, "mine", "", (), (), (), "slip", "")
+    save_figure(FIGURES[name](replace(make_log(n_rows, n), laws=(named,))), tmp_path / "deep" / f"{name}.png")
     assert (tmp_path / "deep" / f"{name}.png").read_bytes().startswith(PNG)
 
 
