@@ -179,13 +179,13 @@ def run_gateway(arm: DeployedArm, record: Path | None = None) -> None:
     needed = partial(arm_is_driven, arm.name)
     begin = partial(set_fifo, GATEWAY_PRIORITY)  # of all threads: each may hold the interpreter's lock
     with QueuedReport(lambda line: note(f"{arm.name}: {line}"), begin) as report:
-        bus, period_ns, module_losses = open_transport(arm.board, report, arm.servo.board_timeout_ms, begin)
+        bus, period_ns, module_losses, settle = open_transport(arm.board, report, arm.servo.board_timeout_ms, begin)
         held = sum(1 << each.bit for each in arm.board.outputs if each.on_stop == "hold")
         if record is None:
             with hard_to_delay(GATEWAY_PRIORITY):
-                serve(arm.name, bus, period_ns, report, module_losses, held, needed)
+                serve(arm.name, bus, period_ns, report, module_losses, held, needed, settle)
             return
         with BusRecorder(bus, record, begin) as recorder, hard_to_delay(GATEWAY_PRIORITY):
-            serve(arm.name, recorder, period_ns, report, module_losses, held, needed)
+            serve(arm.name, recorder, period_ns, report, module_losses, held, needed, settle)
         if recorder.problem:
             report(f"{record} is not complete: {recorder.problem}")

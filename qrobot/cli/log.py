@@ -237,6 +237,8 @@ def plot(
     from qrobot.log.plot import FIGURES, figures_of, save_figure
 
     first = first_parts(files)
+    if output is not None and len({each.stem for each in first}) < len(first):
+        raise ConfigError("two of these logs have one name, and so would their figures: leave out --output")
     for each in first:
         checked_folder(output or each.parent)
     for each in first:

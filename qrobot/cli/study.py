@@ -17,6 +17,9 @@ from qrobot.cli.option_types import ArmCount, Factors, OutputFigure, OutputResul
 from qrobot.errors import ConfigError
 
 if TYPE_CHECKING:
+    from rich.table import Table
+
+    from qrobot.cli.study_tables import View
     from qrobot.study.campaign import Told
     from qrobot.study.results import Results
     from qrobot.study.study import Study
@@ -140,7 +143,12 @@ def show(results: Path, *, plot: Plot = None, json: Json = False) -> None:
     """
     from qrobot.study.results import read_results
 
-    _report(read_results(results), plot, json)
+    found = read_results(results)
+    try:
+        _words(found)
+    except (LookupError, TypeError, ValueError, AttributeError, ArithmeticError) as error:
+        raise ConfigError(f"results of another version, or damaged: {type(error).__name__}: {error}") from error
+    _report(found, plot, json)
 
 
 def _run(study: Study, arms: int, campaign: Campaign) -> None:
@@ -173,24 +181,31 @@ def _bar(kind: str, workers: int) -> Iterator[Told]:
         yield told
 
 
-def _report(results: Results, plot: Path | None, as_json: bool) -> None:
+def _view(results: Results) -> View:
     from qrobot.cli.study_tables import VIEWS
-    from qrobot.log.plot import save_figure
 
     view = VIEWS.get(results.terms["study"])
     if view is None:
         raise ConfigError(f"this version knows no study {results.terms['study']!r}; it knows {', '.join(VIEWS)}")
-    try:
-        summary: Any = view.summarise(results)
-        told, tables, lines = summary.to_dict(), list(view.tables(summary)), list(view.lines(summary))
-        figure = None if plot is None else view.figure(summary)
-    except (LookupError, TypeError, ValueError, AttributeError, ArithmeticError) as error:
-        raise ConfigError(f"results of another version, or damaged: {type(error).__name__}: {error}") from error
-    if plot is not None and figure is not None:
-        save_figure(figure, plot)
+    return view
+
+
+def _words(results: Results) -> tuple[Any, list[Table], list[str]]:
+    view = _view(results)
+    summary = view.summarise(results)
+    summary.to_dict()
+    return summary, list(view.tables(summary)), list(view.lines(summary))
+
+
+def _report(results: Results, plot: Path | None, as_json: bool) -> None:
+    from qrobot.log.plot import save_figure
+
+    summary, tables, lines = _words(results)
+    if plot is not None:
+        save_figure(_view(results).figure(summary), plot)
         note(f"figure {plot}")
     if as_json:
-        write_json({"terms": results.terms} | told)
+        write_json({"terms": results.terms} | summary.to_dict())
         return
     for table in tables:
         print_table(table)

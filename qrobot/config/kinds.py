@@ -45,7 +45,7 @@ _KEYS: Final = {  # a key at the top of a document that no other kind has
     "faults": FileKind.FAULTS,
 }
 _ROOTS: Final = {"robot": FileKind.URDF, "mujoco": FileKind.MJCF}  # of XML
-_ROOT: Final = re.compile(r"\s*(?:<\?.*?\?>\s*|<!--.*?-->\s*|<!DOCTYPE[^>]*>\s*)*<([\w:.-]+)", re.DOTALL)
+_ROOT: Final = re.compile(r"\s*+(?>(?><\?.*?\?>|<!--.*?-->|<!DOCTYPE[^>]*>)\s*+)*+<([\w:.-]+)", re.DOTALL)
 _MAGIC: Final = {b"\x89MCAP": FileKind.LOG, b"PK\x03\x04": FileKind.RECORDING}
 _LOOKED_AT: Final = 1 << 20  # bytes; a document is shorter
 

@@ -53,6 +53,7 @@ class Gateway:
         module_losses: how often remote modules, and interfaces of sensors, beside the board have been lost; told to the
             servo.
         held_lines: the board's own outputs that hold when the arm stops, in their bits of DISCRETE.
+        settle: waits, at the end, for what the bus lets go of meanwhile.
     """
 
     def __init__(
@@ -63,7 +64,9 @@ class Gateway:
         report: Report = lambda _line: None,
         module_losses: Callable[[], int] = lambda: 0,
         held_lines: int = 0,
+        settle: Callable[[], None] = lambda: None,
     ) -> None:
+        self._settle = settle
         self._bus, self._memory, self._period_ns, self._report = bus, memory, period_ns, report
         self._module_losses = module_losses
         self._operations = np.zeros((N_LANES * LANE_CAPACITY, OP_FIELDS), np.int64)
@@ -197,14 +200,16 @@ class Gateway:
             self._report(line)
 
     def release(self) -> None:
-        """Leave the board safe and let go of it."""
-        if self.connected:
-            try:
+        """Leave the board safe and let go of it, and of what stands beside it."""
+        try:
+            if self.connected:
                 self._write(self._safe(), int(self._memory.facts.taken_ns))
-            except (LinkError, ProtocolError) as error:
-                self._tell(f"board at {self._bus.name} could not be left safe: {error}")
-        self.connected = False
-        self._bus.close()
+        except (LinkError, ProtocolError) as error:
+            self._tell(f"board at {self._bus.name} could not be left safe: {error}")
+        finally:
+            self.connected = False
+            self._bus.close()
+            self._settle()
 
 
 def run_gateway(gateway: Gateway, period_ns: int, stop: threading.Event) -> None:
@@ -227,6 +232,7 @@ def serve(
     module_losses: Callable[[], int] = lambda: 0,
     held_lines: int = 0,
     needed: Callable[[], bool] | None = None,
+    settle: Callable[[], None] = lambda: None,
 ) -> None:
     """Be the board process of `arm` until SIGTERM, SIGINT or SIGHUP, then leave the board safe. From the main thread.
 
@@ -236,4 +242,5 @@ def serve(
         LinkBusy: a board already serves that arm.
     """
     with set_on_signals(needed) as stop, create_board_memory(arm) as memory:
-        run_gateway(Gateway(bus, memory.memory, period_ns, report, module_losses, held_lines), period_ns, stop)
+        gateway = Gateway(bus, memory.memory, period_ns, report, module_losses, held_lines, settle)
+        run_gateway(gateway, period_ns, stop)

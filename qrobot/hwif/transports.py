@@ -27,11 +27,13 @@ class Transport(NamedTuple):
         bus: not connected yet.
         period_ns: time between two exchanges.
         module_losses: how often remote modules, or the interface of a sensor, beside the board have been lost.
+        settle: waits, once the bus is closed, until remote modules have been let go of.
     """
 
     bus: Bus
     period_ns: int
     module_losses: Callable[[], int]
+    settle: Callable[[], None]
 
 
 def open_transport(
@@ -58,11 +60,17 @@ def open_transport(
 
         bus = sensor = with_sensor(bus, board.can_sensor, report, begin)
         beside.append(sensor)
+    settle = _nothing
     if modules:
         from qrobot.hwif.modbus.io import IoBus
 
-        bus = IoBus(bus, modules)
-    return Transport(bus, round(board.period_ms * NS_PER_MS), lambda: sum(each.losses for each in beside))
+        bus = with_modules = IoBus(bus, modules)
+        settle = with_modules.settle
+    return Transport(bus, round(board.period_ms * NS_PER_MS), lambda: sum(each.losses for each in beside), settle)
+
+
+def _nothing() -> None:
+    """Wait for nothing."""
 
 
 def _modules(board: BoardChoice, report: Report, begin: Callable[[], object] = lambda: None) -> list[RemoteModule]:

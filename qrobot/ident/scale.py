@@ -21,7 +21,7 @@ from qrobot.ident.observe import SCALE_DOUBT, Observations
 from qrobot.ident.unknowns import Unknowns
 
 LOAD_DOUBT: Final = 1e-3  # of a load that was weighed
-TOLD: Final = 0.1  # [A] half width of the 95 % interval of a scale that the observations tell
+TOLD: Final = 0.2  # [A] half width of the 95 % interval of a scale that the observations tell, a third of that before
 MOVED: Final = 0.1  # [A] of its half width, from 1: one that has moved less is where it was believed
 _STEPS: Final = 30
 _SETTLED: Final = 1e-6
@@ -73,15 +73,19 @@ def _fit_with_inertia(unknowns: Unknowns, observations: Observations, load_kg: f
     if not untold.any():
         return fit
     told = replace(unknowns, free=tuple(np.array(unknowns.free)[~untold].tolist()))
-    return _believing(_fit_all(told, observations, load_kg), places[untold])
+    return _believing(_fit_all(told, observations, load_kg), fit, places[untold])
 
 
-def _believing(fit: Fit, places: Ints) -> Fit:
-    """The fit with scales of 1 inserted, in the end at `places`, about which nothing is told."""
+def _believing(told: Fit, free: Fit, places: Ints) -> Fit:
+    """The fit `told` with scales of 1 inserted, in the end at `places`, and the doubt that they bring with them.
+
+    How the other values go with these scales says the fit `free`, in which they were sought.
+    """
     before = places - np.arange(places.size)  # in what they are inserted into
-    covariance = np.insert(np.insert(fit.covariance, before, 0.0, axis=0), before, 0.0, axis=1)
-    covariance[places, places] = SCALE_DOUBT**2
-    return replace(fit, values=np.insert(fit.values, before, 1.0), covariance=covariance)
+    covariance = np.insert(np.insert(told.covariance, before, 0.0, axis=0), before, 0.0, axis=1)
+    slopes = free.covariance[:, places] @ np.linalg.inv(free.covariance[np.ix_(places, places)])
+    covariance += SCALE_DOUBT**2 * slopes @ slopes.T
+    return replace(told, values=np.insert(told.values, before, 1.0), covariance=covariance)
 
 
 def _fit_all(unknowns: Unknowns, observations: Observations, load_kg: float | None) -> Fit:

@@ -12,8 +12,9 @@ from qrobot.servo.memory.telemetry import CDR_HEADER
 SCHEMA_NAME: Final = "qrobot_msgs/msg/LogStatus"
 
 LOG_IS_BEHIND: Final = "the log is behind"
-LOG_IS_CUT: Final = "the disk did not take its last"
 """So begins what a recorder says whose disk refuses, or that loses cycles."""
+LOG_IS_CUT: Final = "the disk did not take its last"
+"""So begins what it says at its end of bytes that were still to be written."""
 
 
 @dataclass(frozen=True)

@@ -12,11 +12,14 @@ import os
 import socket
 import struct
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import Final
 
 from qrobot.realtime.runtime_folder import runtime_path
 
+UNKNOWN: Final = -1
+_MOST_VISITORS: Final = 4096  # that ask who holds a name, during its life
+_TRIES: Final = 100
 _CREDENTIALS: Final = struct.Struct("3i")  # struct ucred of unix(7)
 
 
@@ -24,28 +27,39 @@ _CREDENTIALS: Final = struct.Struct("3i")  # struct ucred of unix(7)
 def claimed(name: str) -> Iterator[int]:
     """Hold `name` inside the block, unless another process of this account does: its id, or 0 when it is ours.
 
-    What another account holds there says nothing, and keeps nobody from anything.
+    An id that cannot be told is UNKNOWN. What another account holds there says nothing, and keeps nobody from anything.
     """
     key = hashlib.sha256(f"{runtime_path()}\0{name}".encode()).hexdigest()[:32]
     address = f"\0qrobot-{os.geteuid()}-{key}"
     with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as held:
+        yield _hold(held, address)
+
+
+def _hold(held: socket.socket, address: str) -> int:
+    """Hold an address; the process of this account that does so already, 0 if none does."""
+    for _ in range(_TRIES):
         try:
             held.bind(address)
-            held.listen()
-            holder = 0
         except OSError as error:
-            holder = _holder(address) if error.errno == errno.EADDRINUSE else 0
-        yield holder
+            if error.errno != errno.EADDRINUSE:
+                return 0
+        else:
+            held.listen(_MOST_VISITORS)
+            return 0
+        with suppress(ConnectionRefusedError):  # it has just ended, or does not listen yet
+            return _holder(address)
+        os.sched_yield()
+    return 0  # of somebody who lets nobody in
 
 
 def _holder(address: str) -> int:
-    """The process of this account that holds an address, 0 if none does."""
+    """The process of this account that holds an address, 0 for one of another. Raises ConnectionRefusedError."""
     with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as visitor:
         visitor.setblocking(False)
         try:
             visitor.connect(address)
-        except OSError:  # it has ended, or is somebody's who lets nobody in
-            return 0
+        except BlockingIOError:  # more have asked than the kernel keeps, and nobody is ever answered
+            return UNKNOWN
         told = visitor.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _CREDENTIALS.size)
     pid, uid, _ = _CREDENTIALS.unpack(told)
     return pid if uid == os.geteuid() else 0

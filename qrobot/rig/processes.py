@@ -82,9 +82,15 @@ class Child:
 
     def complaint(self) -> str:
         """Signal that has killed it, else the last line it printed, for an error message; what it compiled is none."""
-        if (status := self.process.poll()) is not None and status < 0:
-            return f"it was killed by {signal_name(-status)}"
-        return next((line for line in reversed(self._lines()) if not line.startswith(COMPILING)), "it said nothing")
+        last = self._last_line()
+        status = self.process.poll()
+        if status is None or status >= 0:
+            return last or "it said nothing"
+        killed = f"it was killed by {signal_name(-status)}"
+        return killed if status == -signal.SIGKILL or not last else f"{killed}; {last}"
+
+    def _last_line(self) -> str:
+        return next((line for line in reversed(self._lines()) if not line.startswith(COMPILING)), "")
 
     def compiling(self) -> str:
         """Line about what it compiles, if that is what it said last; else nothing."""

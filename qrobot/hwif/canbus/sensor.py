@@ -138,10 +138,17 @@ class SensorBus:
         try:
             opened = self._try_to_open()
         finally:
+            self._settle(opened)
+
+    def _settle(self, opened: bool) -> None:
+        """Nobody waits for the interface, not for its closing either: until then it counts as being opened."""
+        while self._opening:
+            if not (opened and self._wanted):
+                self._link.close()
+                opened = False
             with self._changes:
-                self._opening, self._here = False, opened and self._wanted
-                if not self._here:
-                    self._link.close()
+                if self._wanted or not opened:
+                    self._opening, self._here = False, opened
 
     def _try_to_open(self) -> bool:
         """Whether the interface opens; one that does not is told of once."""

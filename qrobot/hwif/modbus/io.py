@@ -266,10 +266,7 @@ class IoBus:
         return replace(facts, outputs=True)
 
     def _thread(self, module: RemoteModule, before: threading.Thread | None) -> threading.Thread:
-        """A thread that polls a module once the one `before` has let go of it.
-
-        It is no daemon: the end of the process waits until the module knows that nobody is left.
-        """
+        """A thread that polls a module once the one `before` has let go of it."""
         stop = self._stop
 
         def run() -> None:
@@ -277,7 +274,7 @@ class IoBus:
                 before.join()
             module.run(stop)
 
-        thread = threading.Thread(target=run, name=module.name)
+        thread = threading.Thread(target=run, name=module.name, daemon=True)
         thread.start()
         return thread
 
@@ -313,6 +310,11 @@ class IoBus:
         """Let go of all; modules that are slow to answer are let go of meanwhile, and before they are found again."""
         self._end_threads()
         self._bus.close()
+
+    def settle(self) -> None:
+        """Wait, once closed, until all modules have been let go of; each takes as long as its answers."""
+        for thread in self._threads:
+            thread.join()
 
     def _end_threads(self) -> None:
         for module in self._modules:

@@ -41,7 +41,7 @@ class LawChanges:
         self._servo = servo
         self._kept = {servo.law.address: (servo.law, servo.law_name)}  # the loop may still be in one: no code is let go
         self._names_told, self._names_noted = 0, ""
-        self._late: tuple[Law, str] | None = None  # asked for, while the loop did not run
+        self._late: tuple[Law, str, str] | None = None  # asked for, while the loop did not run, and in words
         self._changing = threading.Lock()  # what is in force changes, or is compared with what was told
         self._note_swap()
 
@@ -70,7 +70,7 @@ class LawChanges:
         law = servo.law.with_settings(request.settings)
         check_gains(servo.robot, servo.settings, servo.law_name, np.array(servo.swap.gains), law.chosen)
         ask_for_settings(servo.swap, law)
-        if self._result(law, servo.law_name) != SWAPPED:
+        if self._result(law, servo.law_name, f"other settings of law {servo.law_name}") != SWAPPED:
             raise QRobotError(f"law {servo.law_name} has failed meanwhile: its settings have not been taken")
         self._take(law, servo.law_name)
         servo.say(f"law {servo.law_name}: {settings_text(law.chosen)}")
@@ -82,9 +82,9 @@ class LawChanges:
             self._await_swap()
             self._note_law_before(servo.mailbox.snapshot())
             gains = changed_gains(servo.robot.control, np.array(servo.swap.gains), request)
-            self._swap(servo.law, servo.law_name, gains)
+            self._swap(servo.law, servo.law_name, gains, f"other gains of law {servo.law_name}")
 
-    def _swap(self, law: Law, name: str, gains: Matrix) -> None:
+    def _swap(self, law: Law, name: str, gains: Matrix, what: str = "") -> None:
         servo = self._servo
         mode = servo.mailbox.snapshot().mode
         if mode not in (Mode.OFF, Mode.HOLDING):  # before the gains are judged: that takes a moment
@@ -93,7 +93,7 @@ class LawChanges:
         self._note_names(servo.mailbox.snapshot())
         self._kept.setdefault(law.address, (law, name))
         ask_for_law(servo.swap, law, gains)
-        result = self._result(law, name)
+        result = self._result(law, name, what or f"law {name}")
         if result == NOT_NOW:
             raise _not_now(servo.mailbox.snapshot().mode)
         if result == NO_TORQUE:
@@ -116,14 +116,14 @@ class LawChanges:
             await_loop(lambda: maybe_swap_result(self._servo.swap) is not None)
             self._note_late_swap()
 
-    def _result(self, law: Law, name: str) -> int | None:
-        """Result of the request for `law`. Raises LinkTimeout when the loop does not run: the request stands then."""
+    def _result(self, law: Law, name: str, what: str) -> int | None:
+        """Result of the request for `what`. Raises LinkTimeout when the loop does not run: the request stands then."""
         swap = self._servo.swap
         try:
             await_loop(lambda: maybe_swap_result(swap) is not None)
         except LinkTimeout as error:
-            self._late = law, name
-            raise LinkTimeout(f"{error}; should it go on, it takes law {name}") from error
+            self._late = law, name, what
+            raise LinkTimeout(f"{error}; should it go on, it takes {what}") from error
         return maybe_swap_result(swap)
 
     def _note_late_swap(self) -> None:
@@ -131,10 +131,10 @@ class LawChanges:
         result = maybe_swap_result(self._servo.swap)
         if self._late is None or result is None:
             return
-        (law, name), self._late = self._late, None
+        (law, name, what), self._late = self._late, None
         if result == SWAPPED and int(self._servo.swap.law_at) == law.address:
             self._take(law, name)
-            self._servo.say(f"law {name} has been taken late: the loop did not run when it was asked for")
+            self._servo.say(f"taken late, for the loop did not run: {what}")
 
     def note_fallback(self) -> None:
         """Tell people and readers once the servo has gone back to the law before, because the one in force failed.

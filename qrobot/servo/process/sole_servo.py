@@ -18,8 +18,9 @@ def sole_servo(arm: str) -> Iterator[None]:
     """Be the one that drives an arm inside the block. Raises LinkBusy, with its process, when there is another one."""
     with claimed(f"servo of {arm}") as holder:
         if holder:
+            who = f"process {holder}" if holder > 0 else "another process"
             raise LinkBusy(
-                f"process {holder} drives {arm}: a servo whose files have been removed from {runtime_path()}, so that "
-                "`qrobot ctl` does not find it, or a `qrobot board check`. End it, then start again"
+                f"{who} drives {arm}: a servo whose files have been removed from {runtime_path()}, and `qrobot ctl` "
+                "does not find it; or a `qrobot board check`. End it, then start again"
             )
         yield

@@ -42,7 +42,7 @@ def soon(_needed: object) -> Iterator[threading.Event]:
 
 def transport_to_the_bench() -> Transport:
     """To the bench, with nothing beside it."""
-    return Transport(DirectBus(BenchEndpoint()), 1_000_000, lambda: 0)
+    return Transport(DirectBus(BenchEndpoint()), 1_000_000, lambda: 0, lambda: None)
 
 
 @pytest.fixture

@@ -193,6 +193,19 @@ def test_several_logs_are_drawn_each_beside_itself(log_file: Path, capsys: pytes
     assert len(capsys.readouterr().out.splitlines()) == 2
 
 
+def test_figures_of_two_logs_of_one_name_do_not_replace_each_other(
+    log_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    other = tmp_path / "other" / log_file.name
+    other.parent.mkdir()
+    other.write_bytes(log_file.read_bytes())
+    words = ["log", "plot", str(log_file), str(other), "--only", "errors"]
+    assert run_app(make_app(), [*words, "--output", str(tmp_path)]) == 1
+    assert "two of these logs have one name" in " ".join(capsys.readouterr().err.split())
+    assert run_app(make_app(), words) == 0
+    assert other.with_name(f"{other.stem}-errors.png").is_file()
+
+
 def test_signals_of_a_log_that_has_none_are_not_drawn(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     write_log(tmp_path / "run.mcap", make_rows(30), make_header())
     assert run_app(make_app(), ["log", "plot", str(tmp_path / "run.mcap"), "--only", "signals"]) == 1

@@ -11,7 +11,7 @@ import pytest
 from qrobot.config import load_deployment, load_robot
 from qrobot.config.document import packaged_path
 from qrobot.config.identified import load_model
-from qrobot.config.kinds import FileKind, kind_of_file
+from qrobot.config.kinds import FileKind, kind_of_content, kind_of_file
 from qrobot.errors import ConfigError, LogError, QRobotError
 from qrobot.ident.compact_recording import load_recording
 from qrobot.log.header import header_for
@@ -93,6 +93,12 @@ def test_what_is_of_no_kind_is_an_error_of_its_reader(wanted: FileKind, contents
     assert kind_of_file(path) is None
     with pytest.raises(QRobotError):
         READERS[wanted](path)
+
+
+def test_comments_without_end_before_a_root_take_no_time() -> None:
+    comments = "<!-- so -->\n" * 2_000
+    assert kind_of_content(f"{comments}<robot/>".encode()) is FileKind.URDF
+    assert kind_of_content(f"{comments}<!DOCTYPE a [<!ENTITY b 'c'>]>".encode()) is None
 
 
 def test_a_file_that_is_not_there_is_of_no_kind(tmp_path: Path) -> None:

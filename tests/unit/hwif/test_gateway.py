@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import os
 import signal
@@ -14,7 +15,7 @@ from qrobot.cli.arm_links import link_of
 from qrobot.cli.arms import choose_arm
 from qrobot.cli.calibrate import calibrate_arm
 from qrobot.config.deployment import BoardChoice
-from qrobot.errors import ConfigError
+from qrobot.errors import ConfigError, LinkLost
 from qrobot.hwif.board_look import BoardLooker
 from qrobot.hwif.board_memory import (
     LANE_CAPACITY,
@@ -317,6 +318,25 @@ def test_outputs_reach_only_modules_and_are_no_mistake_without_any(modules: bool
     assert gateway.step(2 * PERIOD_NS)
     assert end.lists[-1] == [*([(OP_OUTPUTS, 0, 5)] if modules else []), (OP_WRITE, DAC, 1)]
     assert memory.facts.illegal_ops == 0
+
+
+@pytest.mark.parametrize("error", [LinkLost("it has gone"), ValueError("a mistake of ours")])
+def test_whatever_goes_wrong_at_the_end_the_bus_is_closed_and_what_it_lets_go_of_is_waited_for(
+    error: Exception, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    done: list[str] = []
+    bus = DirectBus(BenchEndpoint())
+    gateway = Gateway(bus, local_board_memory(), 1_000_000, settle=lambda: done.append("settled"))
+    assert gateway.step(0)
+
+    def fail(*_: object) -> None:
+        raise error
+
+    monkeypatch.setattr(bus, "exchange", fail)
+    monkeypatch.setattr(bus, "close", lambda: done.append("closed"))
+    with contextlib.suppress(ValueError):
+        gateway.release()
+    assert done == ["closed", "settled"]
 
 
 def test_a_board_that_is_found_again_or_let_go_keeps_the_lines_that_hold_and_no_other() -> None:

@@ -98,13 +98,6 @@ def table() -> Iterator[Table]:
         table.module.close()
 
 
-def join_modules() -> None:
-    """Wait until all modules have been let go of."""
-    for thread in threading.enumerate():
-        if thread.name.startswith("module at"):
-            thread.join()
-
-
 def test_inputs_of_a_module_stand_where_the_file_says(table: Table) -> None:
     assert table.module.mask == 0b10100
     table.board.status = 1 << 15
@@ -376,7 +369,7 @@ def test_a_board_is_found_again_before_a_slow_module_has_been_let_go_of(table: T
         module.may_go.release()
         module.begun.acquire()  # one after the other, each lets go of it
         module.may_go.release()
-    join_modules()
+    bus.settle()
     assert module.runs == ["begins", "ends"] * 4
 
 
@@ -503,7 +496,7 @@ def test_a_board_with_a_module_shows_its_own_bits_and_those_of_the_module(table:
     assert main.applied[-1] == (OP_WRITE, DISCRETE, CLOSE)
     bus.close()
     bus.close()
-    join_modules()
+    bus.settle()
 
 
 @pytest.mark.parametrize(

@@ -43,7 +43,7 @@ def load(tmp_path: Path, text: str) -> Deployment:
 
 def test_a_board_on_can_is_reached_by_a_bus_at_its_own_pace(tmp_path: Path) -> None:
     [arm] = load(tmp_path, CAN).arm
-    bus, period_ns, _ = open_transport(arm.board)
+    bus, period_ns, *_ = open_transport(arm.board)
     assert isinstance(bus, CanBus)
     assert (bus.name, period_ns) == ("CAN virtual:x, node 7", 4_000_000)
 
@@ -81,7 +81,7 @@ def test_a_sensor_on_can_stands_before_the_transport_to_a_board(tmp_path: Path) 
 
 def test_the_servo_is_told_how_often_the_interface_of_a_sensor_has_failed(tmp_path: Path) -> None:
     [arm] = load(tmp_path, CAN + SENSOR).arm
-    bus, _, losses = open_transport(arm.board)
+    bus, _, losses, _ = open_transport(arm.board)
     assert isinstance(bus, SensorBus)
     bus.losses = 3
     assert losses() == 3
@@ -95,7 +95,7 @@ def test_a_sensor_on_can_needs_a_gateway(tmp_path: Path) -> None:
 
 def test_drives_are_reached_by_a_bus_too(tmp_path: Path) -> None:
     [arm] = load(tmp_path, DRIVES).arm
-    bus, period_ns, _ = open_transport(arm.board)
+    bus, period_ns, *_ = open_transport(arm.board)
     assert isinstance(bus, DrivesBus)
     assert (bus.name, period_ns) == ("CAN virtual:x, 6 drives", 2_000_000)
 

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from qrobot.realtime import claimed_name
-from qrobot.realtime.claimed_name import claimed
+from qrobot.realtime.claimed_name import UNKNOWN, claimed
 from tests.support.accounts import OTHER, needs_root
 
 HOLDS = (
@@ -45,6 +45,18 @@ def test_a_name_is_held_until_its_process_ends_however_it_does(name: str) -> Non
     for _ in range(2):
         with claimed(name) as holder:
             assert holder == 0
+
+
+def test_however_often_it_is_asked_for_a_name_is_held_once(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As by a service that is started again and again: the kernel keeps so many visitors, and no more."""
+    monkeypatch.setattr(claimed_name, "_MOST_VISITORS", 2)
+    with claimed(name):
+        holders = []
+        for _ in range(6):
+            with claimed(name) as holder:
+                holders.append(holder)
+    assert set(holders) == {os.getpid(), UNKNOWN}
+    assert holders[-1] == UNKNOWN
 
 
 def test_another_runtime_folder_has_names_of_its_own(

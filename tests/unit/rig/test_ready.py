@@ -134,14 +134,25 @@ def test_who_waits_for_a_process_hears_what_that_compiles_each_line_once(tmp_pat
 
 
 @pytest.mark.realtime
-def test_a_process_that_died_as_it_compiled_has_said_nothing(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("status", "said", "told"),
+    [
+        (1, "", "it said nothing"),
+        (-9, "OFF -> TRACKING\n", "it was killed by SIGKILL$"),
+        (-6, "Fatal Python error\n", "it was killed by SIGABRT; Fatal Python error"),
+        (-6, "", "it was killed by SIGABRT$"),
+    ],
+)
+def test_a_process_that_died_as_it_compiled_has_not_complained_of_that(
+    tmp_path: Path, status: int, said: str, told: str
+) -> None:
     class Dies(Lives):
         def start(self, *_: object) -> Started:
-            (tmp_path / "board.txt").write_text(f"qrobot: {COMPILING} 4 of 40, once: a\n")
-            self.status = -9
+            (tmp_path / "board.txt").write_text(f"{said}qrobot: {COMPILING} 4 of 40, once: a\n")
+            self.status = status
             return super().start()
 
-    with ProcessRig(tmp_path, cast("ProcessStarter", Dies())) as rig, pytest.raises(LinkError, match="it said nothing"):
+    with ProcessRig(tmp_path, cast("ProcessStarter", Dies())) as rig, pytest.raises(LinkError, match=told):
         rig.start(ProcessPlan("board", ["board"], lambda _pid: False))
 
 

@@ -120,7 +120,7 @@ def test_a_law_that_a_standing_loop_takes_when_it_goes_on_is_told_as_that(
     assert servo.law_name == "qrobot"
     servo.bench.tick(10)
     servo.changes.note_fallback()
-    assert servo.said == ["law pd has been taken late: the loop did not run when it was asked for"]
+    assert servo.said == ["taken late, for the loop did not run: law pd"]
     assert servo.law_name == "pd"
     log = servo.logged(tmp_path)
     assert [event.text for event in log_events(log) if event.kind == "law"] == ["law qrobot -> pd"]
@@ -136,7 +136,7 @@ def test_gains_that_a_standing_loop_takes_late_are_those_that_later_changes_begi
             servo.changes.change_gains(ChangeGains(kv=kv))
     servo.changes.change_gains(ChangeGains(kp=tuple(servo.robot.control.kp)))
     np.testing.assert_array_equal(servo.swap.gains[1], kv)
-    assert "has been taken late" in servo.said[0]
+    assert servo.said[0] == "taken late, for the loop did not run: other gains of law qrobot"
 
 
 def test_a_law_that_failed_is_told_for_the_cycles_it_was_in_force(servo: Servo, tmp_path: Path) -> None:
