@@ -21,7 +21,7 @@ from qrobot.extras import EXTRAS
 from qrobot.hwif.isa.permission import allow_ports
 from qrobot.realtime.lasting_folder import look_at_lasting
 from qrobot.realtime.machine import machine_steps
-from qrobot.realtime.runtime_folder import MEMORY_FOLDER, runtime_path, serve_in_folder, tidy_folder
+from qrobot.realtime.runtime_folder import MEMORY_FOLDER, passed_over, runtime_path, serve_in_folder, tidy_folder
 from qrobot.realtime.setup import DMA_LATENCY, HIGHEST_PRIORITY, SetupStep, hold_dma_latency, may_lock_all, set_fifo
 from qrobot.realtime.shared_memory import has_owner
 
@@ -124,6 +124,9 @@ def shared_memory(directory: Path) -> Iterator[Finding]:
     """The runtime folder, where servo and board meet, and what earlier processes left there."""
     yield Finding("shared memory", look_at_folder(), Weight.NEEDED)
     yield Finding("shared memory", look_at_lasting(directory, os.geteuid()), Weight.OPTIONAL)
+    if (session := passed_over()) is not None:
+        step = SetupStep("$XDG_RUNTIME_DIR", False, f"{session} is not taken", "it has to be yours, and on a tmpfs")
+        yield Finding("shared memory", step, Weight.OPTIONAL)
     existing = next((place for place in (directory, directory.parent) if place.is_dir()), MEMORY_FOLDER)
     yield Finding("shared memory", look_at_room(existing), Weight.NEEDED)
     if directory.is_dir():

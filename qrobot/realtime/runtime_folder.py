@@ -70,6 +70,12 @@ def find_folder(session: Path, account: int) -> Path:
     return _memory_folder(account)
 
 
+def passed_over() -> Path | None:
+    """The folder that `$XDG_RUNTIME_DIR` names, where it is none of this account's in memory and so is not taken."""
+    session = os.environ.get("XDG_RUNTIME_DIR")
+    return Path(session) if session and runtime_path() == _memory_folder(os.geteuid()) else None
+
+
 def _session_folder() -> Path:
     return Path(os.environ.get("XDG_RUNTIME_DIR") or USERS_FOLDER / str(os.geteuid()))
 

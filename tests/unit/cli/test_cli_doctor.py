@@ -172,6 +172,20 @@ def test_a_runtime_folder_that_others_may_write_in_prevents_running(
     assert "mode 0777" in findings[0].step.detail
 
 
+def test_a_session_folder_that_is_not_taken_is_told_and_prevents_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def told() -> list[str]:
+        findings = [finding for finding in checks.shared_memory(tmp_path) if finding.step.name == "$XDG_RUNTIME_DIR"]
+        assert not any(finding.prevents_running for finding in findings)
+        return [finding.step.detail for finding in findings]
+
+    monkeypatch.setattr(checks, "passed_over", lambda: None)
+    assert told() == []
+    monkeypatch.setattr(checks, "passed_over", lambda: Path("/on/a/disk"))
+    assert told() == ["/on/a/disk is not taken"]
+
+
 def test_a_segment_is_in_use_or_left_behind(tmp_path: Path) -> None:
     (tmp_path / "a-servo").touch()
     (tmp_path / "other").touch()

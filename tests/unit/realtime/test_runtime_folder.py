@@ -23,6 +23,7 @@ from qrobot.realtime.runtime_folder import (
     find_folder,
     hand_down_folder,
     look_into_folder,
+    passed_over,
     runtime_path,
     serve_in_folder,
 )
@@ -160,10 +161,17 @@ def test_a_session_folder_on_a_disk_is_passed_over_and_a_chosen_one_is_refused(
     runtime_folder._in_memory.cache_clear()
     monkeypatch.setattr(runtime_folder, "MEMORY_FOLDER", tmp_path)
     assert runtime_path().parent == tmp_path
+    assert passed_over() == session
     monkeypatch.setenv("QROBOT_RUNTIME_DIR", str(session))
+    assert passed_over() is None
     with pytest.raises(LinkError, match="not in memory"), serve_in_folder():
         pass
     runtime_folder._in_memory.cache_clear()
+
+
+def test_a_session_folder_that_is_taken_is_not_passed_over(session: Path) -> None:
+    assert runtime_path() == session / "qrobot"
+    assert passed_over() is None
 
 
 def test_a_variable_that_is_no_absolute_path_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
