@@ -114,7 +114,10 @@ def _answer(checker: subprocess.Popen[bytes], question: bytes, given_up: threadi
         if given_up.is_set():
             raise LinkLost("whoever asked for the law has gone: it has not been taken")
         if patience.passed:
-            raise ConfigError(f"the law was not tried to the end within {PATIENCE_S:g} s: it has not been taken")
+            raise ConfigError(
+                f"the law was not tried to the end within {PATIENCE_S:g} s and has not been taken: is it too long to "
+                "compile, or has this machine too much to do?"
+            )
 
 
 def _cause_of_death(name: str, status: int) -> str:
