@@ -145,7 +145,7 @@ def show(results: Path, *, plot: Plot = None, json: Json = False) -> None:
 
     found = read_results(results)
     try:
-        _words(found)
+        _told(found)
     except (LookupError, TypeError, ValueError, AttributeError, ArithmeticError) as error:
         raise ConfigError(f"results of another version, or damaged: {type(error).__name__}: {error}") from error
     _report(found, plot, json)
@@ -190,22 +190,22 @@ def _view(results: Results) -> View:
     return view
 
 
-def _words(results: Results) -> tuple[Any, list[Table], list[str]]:
+def _told(results: Results) -> tuple[Any, dict[str, Any], list[Table], list[str]]:
+    """Summary of results, and what is told of it: as plain values, in tables, and in sentences."""
     view = _view(results)
     summary = view.summarise(results)
-    summary.to_dict()
-    return summary, list(view.tables(summary)), list(view.lines(summary))
+    return summary, summary.to_dict(), list(view.tables(summary)), list(view.lines(summary))
 
 
 def _report(results: Results, plot: Path | None, as_json: bool) -> None:
     from qrobot.log.plot import save_figure
 
-    summary, tables, lines = _words(results)
+    summary, plain, tables, lines = _told(results)
     if plot is not None:
         save_figure(_view(results).figure(summary), plot)
         note(f"figure {plot}")
     if as_json:
-        write_json({"terms": results.terms} | summary.to_dict())
+        write_json({"terms": results.terms} | plain)
         return
     for table in tables:
         print_table(table)

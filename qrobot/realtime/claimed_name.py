@@ -10,17 +10,16 @@ import errno
 import hashlib
 import os
 import socket
-import struct
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from typing import Final
 
+from qrobot.realtime.peer_credentials import peer_credentials
 from qrobot.realtime.runtime_folder import runtime_path
 
 UNKNOWN: Final = -1
 _MOST_VISITORS: Final = 4096  # that ask who holds a name, during its life
 _TRIES: Final = 100
-_CREDENTIALS: Final = struct.Struct("3i")  # struct ucred of unix(7)
 
 
 @contextmanager
@@ -60,6 +59,5 @@ def _holder(address: str) -> int:
             visitor.connect(address)
         except BlockingIOError:  # more have asked than the kernel keeps, and nobody is ever answered
             return UNKNOWN
-        told = visitor.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _CREDENTIALS.size)
-    pid, uid, _ = _CREDENTIALS.unpack(told)
+        pid, uid, _ = peer_credentials(visitor)
     return pid if uid == os.geteuid() else 0

@@ -10,6 +10,7 @@ category (`servo.stop_categories`). The guardian stands beside the cycle, a proc
 | looked at              | by                                             | in                                    |
 |------------------------|------------------------------------------------|---------------------------------------|
 | the time of the cycle  | `watch_timing`, called where time is taken     | `checks.timing_checks`                |
+| the board's clock      | `follow_clock`, called where images are read   | `checks.board_clock`                  |
 | image, estop, guardian | `watch_surroundings`                           | `stages.mode_machine`                 |
 | encoders, speed, range | `watch_arm`                                    | `checks.limit_checks`, `lost_counts`  |
 | fences                 | `watch_fences`                                 | `fences.gate`                         |

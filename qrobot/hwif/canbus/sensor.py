@@ -141,7 +141,7 @@ class SensorBus:
             self._settle(opened)
 
     def _settle(self, opened: bool) -> None:
-        """Nobody waits for the interface, not for its closing either: until then it counts as being opened."""
+        """Take the interface as open, or close it; until then it counts as being opened, and nobody waits."""
         while self._opening:
             if not (opened and self._wanted):
                 self._link.close()

@@ -14,13 +14,13 @@ import errno
 import os
 import selectors
 import socket
-import struct
 import threading
 from collections.abc import Callable
 from types import TracebackType
 from typing import Final
 
 from qrobot.errors import LinkBusy, LinkError, error_text
+from qrobot.realtime.peer_credentials import peer_credentials
 from qrobot.realtime.runtime_folder import RuntimeFolder, look_into_folder, serve_in_folder, tidy_folder
 from qrobot.realtime.shared_memory import checked_name
 from qrobot.servo.operator.messages import MAX_LINE_BYTES
@@ -28,7 +28,6 @@ from qrobot.servo.operator.messages import MAX_LINE_BYTES
 MAX_CLIENTS: Final = 16
 MAX_WAITING: Final = 4  # replies that one connection may wait for
 _CONTROL: Final = "-control"
-_CREDENTIALS: Final = struct.Struct("3i")  # struct ucred: pid, uid, gid
 
 RequestHandler = Callable[["OperatorConnection", bytes], bytes | Callable[[], bytes]]
 Farewell = Callable[["OperatorConnection"], None]
@@ -77,12 +76,6 @@ def connect_to_servo(arm: str, connection: socket.socket) -> None:
         _, uid, _ = peer_credentials(connection)
         if uid != folder.owner:
             raise LinkError(f"whoever answers for the servo of {arm} is account {uid}, not {folder.owner_name}")
-
-
-def peer_credentials(connection: socket.socket) -> tuple[int, int, int]:
-    """Process, account and group at the other end, as the kernel says."""
-    pid, uid, gid = _CREDENTIALS.unpack(connection.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _CREDENTIALS.size))
-    return pid, uid, gid
 
 
 class OperatorConnection:
