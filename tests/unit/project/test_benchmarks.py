@@ -226,7 +226,7 @@ def test_the_inverse_on_random_poses_meets_every_goal_that_no_clock_decides() ->
     assert [row.met for row in errors] == [True] * 4
 
 
-@pytest.mark.skipif(not find_spec("eaik"), reason="EAIK is not installed: the benchmark then says so")
+@pytest.mark.skipif(not find_spec("eaik"), reason='no EAIK: .venv/bin/pip install "eaik>=1.2"')
 def test_eaik_finds_our_solutions() -> None:
     poses = kinematics.random_poses(20)
     peer = kinematics.eaik_puma(poses.arm)

@@ -156,7 +156,7 @@ def test_a_space_mouse_is_known_and_other_devices_are_refused() -> None:
         StickDevice(FakeDevice("keyboard", buttons=(30, 31)))
 
 
-@pytest.mark.skipif(not find_spec("evdev"), reason="python-evdev is not installed: `--stick` then says so")
+@pytest.mark.skipif(not find_spec("evdev"), reason='no python-evdev: .venv/bin/pip install "evdev>=1.9"')
 def test_a_device_that_is_not_there_is_refused() -> None:
     with pytest.raises(ConfigError, match=r"cannot open .*nowhere"):
         open_stick(Path("/dev/nowhere"))
